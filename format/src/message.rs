@@ -1,0 +1,81 @@
+//! How manifests become bytes: `magic: u32, bincode bytes: u64, zstd(bincode)`.
+
+use crate::error::{FormatError, ensure};
+use crate::limits::MAX_MESSAGE_BYTES;
+
+const HEADER_BYTES: usize = 12;
+
+fn config() -> impl bincode::config::Config {
+    bincode::config::standard().with_limit::<MAX_MESSAGE_BYTES>()
+}
+
+pub(crate) fn encode(magic: [u8; 4], value: &impl bincode::Encode) -> Result<Vec<u8>, FormatError> {
+    let at = String::from_utf8_lossy(&magic).into_owned();
+    let plain = bincode::encode_to_vec(value, config())
+        .map_err(|error| FormatError::new(&at, "to encode", error))?;
+    ensure(
+        plain.len() <= MAX_MESSAGE_BYTES,
+        &at,
+        format!("at most {MAX_MESSAGE_BYTES} bytes"),
+        plain.len(),
+    )?;
+    let mut bytes = magic.to_vec();
+    bytes.extend((plain.len() as u64).to_le_bytes());
+    bytes.extend(
+        zstd::bulk::compress(&plain, 9)
+            .map_err(|error| FormatError::new(&at, "to compress", error))?,
+    );
+    Ok(bytes)
+}
+
+pub(crate) fn decode<T: bincode::Decode<()>>(
+    magic: [u8; 4],
+    bytes: &[u8],
+) -> Result<T, FormatError> {
+    let at = String::from_utf8_lossy(&magic).into_owned();
+    ensure(
+        bytes.len() >= HEADER_BYTES,
+        &at,
+        "at least 12 bytes",
+        bytes.len(),
+    )?;
+    let found = String::from_utf8_lossy(&bytes[..4]).into_owned();
+    ensure(bytes[..4] == magic, "magic", &at, format!("{found:?}"))?;
+    let mut length = [0; 8];
+    length.copy_from_slice(&bytes[4..HEADER_BYTES]);
+    let length = u64::from_le_bytes(length);
+    ensure(
+        length <= MAX_MESSAGE_BYTES as u64,
+        &at,
+        format!("at most {MAX_MESSAGE_BYTES} bytes"),
+        length,
+    )?;
+    let packed = &bytes[HEADER_BYTES..];
+    // The frame's own size field bounds the allocation: a short file cannot ask for a gigabyte.
+    let claimed = zstd::zstd_safe::get_frame_content_size(packed)
+        .ok()
+        .flatten();
+    ensure(
+        claimed == Some(length),
+        &at,
+        format!("a zstd frame of {length} bytes"),
+        format!("{claimed:?}"),
+    )?;
+    ensure(
+        length / 20_000 <= packed.len() as u64,
+        &at,
+        "a compression ratio below 20000",
+        length,
+    )?;
+    let plain = zstd::bulk::decompress(packed, length as usize)
+        .map_err(|error| FormatError::new(&at, "zstd", error))?;
+    let (value, used) = bincode::decode_from_slice(&plain, config())
+        .map_err(|error| FormatError::new(&at, "bincode", error))?;
+    ensure(
+        used == plain.len(),
+        &at,
+        format!("{used} bytes"),
+        plain.len(),
+    )?;
+    Ok(value)
+}

@@ -1,0 +1,208 @@
+//! A scene: instances, materials and textures over assets.
+
+use crate::error::{FormatError, ensure};
+use crate::hash::ContentHash;
+use crate::message;
+
+const MAGIC: [u8; 4] = *b"LSS1";
+
+/// An asset as a scene uses it.
+#[derive(Debug, Clone, PartialEq, Eq, bincode::Encode, bincode::Decode)]
+pub struct SceneAsset {
+    /// The mesh's name in the source file.
+    pub name: String,
+    /// The [`crate::Asset`] object.
+    pub asset: ContentHash,
+    /// Index into [`Scene::materials`] of each material slot.
+    pub materials: Vec<u32>,
+}
+
+/// An asset placed in the world.
+#[derive(Debug, Clone, PartialEq, bincode::Encode, bincode::Decode)]
+pub struct Instance {
+    /// Index into [`Scene::assets`].
+    pub asset: u32,
+    /// Affine map, row-major 3 x 4, metres. Any linear part, mirrored or singular too.
+    pub world_from_object: [[f64; 4]; 3],
+}
+
+/// How a texture coordinate outside [0, 1) is brought back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bincode::Encode, bincode::Decode)]
+pub enum Wrap {
+    /// Fractional part.
+    #[default]
+    Repeat,
+    /// Nearest edge.
+    Clamp,
+    /// Forth and back.
+    Mirror,
+}
+
+/// How alpha is used.
+#[derive(Debug, Clone, Copy, PartialEq, Default, bincode::Encode, bincode::Decode)]
+pub enum AlphaMode {
+    /// Ignored.
+    #[default]
+    Opaque,
+    /// Visible where alpha reaches the cutoff.
+    Mask {
+        /// Smallest visible alpha.
+        cutoff: f32,
+    },
+    /// Blended over what lies behind.
+    Blend,
+}
+
+/// A texture as a material uses it.
+#[derive(Debug, Clone, PartialEq, bincode::Encode, bincode::Decode)]
+pub struct TextureUse {
+    /// Index into [`Scene::textures`].
+    pub texture: u32,
+    /// Wrapping of u and v.
+    pub wrap: [Wrap; 2],
+    /// Whether magnification takes the nearest texel.
+    pub nearest: bool,
+    /// Rows of the affine map from stored to looked-up coordinates.
+    pub uv_transform: [[f32; 3]; 2],
+}
+
+impl TextureUse {
+    /// The identity of [`TextureUse::uv_transform`].
+    pub const IDENTITY: [[f32; 3]; 2] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+}
+
+/// Metallic-roughness material of glTF, as far as it is drawn.
+#[derive(Debug, Clone, PartialEq, bincode::Encode, bincode::Decode)]
+pub struct Material {
+    /// Name in the source file.
+    pub name: String,
+    /// Linear RGBA factor.
+    pub base_color_factor: [f32; 4],
+    /// sRGB base-colour texture.
+    pub base_color: Option<TextureUse>,
+    /// Linear RGB.
+    pub emissive_factor: [f32; 3],
+    /// 0..=1.
+    pub metallic: f32,
+    /// 0..=1.
+    pub roughness: f32,
+    /// Use of alpha.
+    pub alpha_mode: AlphaMode,
+    /// Whether back faces are lit as fronts.
+    pub double_sided: bool,
+    /// Whether the base colour is shown without light.
+    pub unlit: bool,
+}
+
+/// Encoding of a texture object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, bincode::Encode, bincode::Decode)]
+pub enum MediaType {
+    /// image/png
+    Png,
+    /// image/jpeg
+    Jpeg,
+}
+
+/// A texture: an image file as an object of its own.
+#[derive(Debug, Clone, PartialEq, Eq, bincode::Encode, bincode::Decode)]
+pub struct Texture {
+    /// The image file.
+    pub object: ContentHash,
+    /// Bytes of the image file.
+    pub bytes: u64,
+    /// Its encoding.
+    pub media_type: MediaType,
+    /// Width, texels.
+    pub width: u32,
+    /// Height, texels.
+    pub height: u32,
+}
+
+/// Everything that a viewer needs beside the assets themselves.
+#[derive(Debug, Clone, PartialEq, Default, bincode::Encode, bincode::Decode)]
+pub struct Scene {
+    /// Assets, each once.
+    pub assets: Vec<SceneAsset>,
+    /// Placements.
+    pub instances: Vec<Instance>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Textures.
+    pub textures: Vec<Texture>,
+    /// Triangles of the source file's meshes, each mesh once.
+    pub source_triangles: u64,
+    /// What the import left out, one line each.
+    pub warnings: Vec<String>,
+}
+
+impl Scene {
+    /// The object's bytes; hash them for its name.
+    pub fn encode(&self) -> Result<Vec<u8>, FormatError> {
+        message::encode(MAGIC, self)
+    }
+
+    /// Reads and checks a scene object.
+    pub fn decode(bytes: &[u8]) -> Result<Self, FormatError> {
+        let scene: Self = message::decode(MAGIC, bytes)?;
+        scene.check()?;
+        Ok(scene)
+    }
+
+    fn check(&self) -> Result<(), FormatError> {
+        let below = |at: String, count: usize, index: u32| {
+            ensure(
+                (index as usize) < count,
+                &at,
+                format!("below {count}"),
+                index,
+            )
+        };
+        for (index, asset) in self.assets.iter().enumerate() {
+            for &material in &asset.materials {
+                below(
+                    format!("scene asset {index} material"),
+                    self.materials.len(),
+                    material,
+                )?;
+            }
+        }
+        for (index, instance) in self.instances.iter().enumerate() {
+            below(
+                format!("scene instance {index} asset"),
+                self.assets.len(),
+                instance.asset,
+            )?;
+            let finite = instance
+                .world_from_object
+                .iter()
+                .flatten()
+                .all(|value| value.is_finite());
+            ensure(
+                finite,
+                &format!("scene instance {index} transform"),
+                "finite numbers",
+                "another",
+            )?;
+        }
+        for (index, material) in self.materials.iter().enumerate() {
+            if let Some(texture) = &material.base_color {
+                below(
+                    format!("scene material {index} texture"),
+                    self.textures.len(),
+                    texture.texture,
+                )?;
+            }
+            let numbers = material
+                .base_color_factor
+                .iter()
+                .chain(&material.emissive_factor);
+            ensure(
+                numbers.copied().all(f32::is_finite),
+                &format!("scene material {index} factors"),
+                "finite numbers",
+                "another",
+            )?;
+        }
+        Ok(())
+    }
+}
