@@ -16,6 +16,22 @@ impl ContentHash {
     }
 }
 
+/// Hashes an object that comes in pieces; [`ContentHash::of`] for one that is there whole.
+#[derive(Debug, Clone, Default)]
+pub struct ContentHasher(blake3::Hasher);
+
+impl ContentHasher {
+    /// Takes the next bytes.
+    pub fn update(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    /// The name of everything taken so far.
+    pub fn finish(&self) -> ContentHash {
+        ContentHash(*self.0.finalize().as_bytes())
+    }
+}
+
 impl fmt::Display for ContentHash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
@@ -73,6 +89,14 @@ impl<'de> serde::Deserialize<'de> for ContentHash {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pieces_hash_like_the_whole() {
+        let mut hasher = ContentHasher::default();
+        hasher.update(b"lode");
+        hasher.update(b"stream");
+        assert_eq!(hasher.finish(), ContentHash::of(b"lodestream"));
+    }
 
     #[test]
     fn text_form_round_trips_and_rejects_other_spellings() {

@@ -5,6 +5,7 @@
 
 use crate::error::{FormatError, ensure};
 use crate::hash::ContentHash;
+use crate::library::SceneReference;
 use crate::limits::MAX_MESSAGE_BYTES;
 use crate::reader::{Pending, u32_at, u64_at};
 
@@ -184,6 +185,26 @@ pub struct PagesPost {
     pub sequence: u64,
     /// What is wanted, in any order.
     pub wants: Vec<PageWant>,
+}
+
+/// A scene as `GET /v1/scenes` lists it.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct SceneEntry {
+    /// The scene's name.
+    pub name: String,
+    /// What the name points at; its fields stand beside the name.
+    #[serde(flatten)]
+    pub reference: SceneReference,
+}
+
+/// Answer to `GET /v1/scenes?after=NAME&limit=N`, JSON.
+#[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+pub struct ScenesPage {
+    /// Scenes in the order of their names' bytes, all greater than `after`.
+    pub scenes: Vec<SceneEntry>,
+    /// `after` of the next page; absent on the last one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub next: Option<String>,
 }
 
 #[cfg(test)]

@@ -1,1 +1,17 @@
-//! Placeholder.
+//! The WGSL of Lodestream, the structs that cross the bus, and a CPU twin of every pass.
+//!
+//! A frame, in order (`passes.rs` holds the table):
+//!
+//! ```text
+//! transcode -> cull_instances -> (prepare_nodes -> cull_nodes) x depth -> prepare_clusters -> cull_clusters
+//!           -> prepare_raster -> raster -> shade -> compact_requests
+//! ```
+//!
+//! `wgsl/NAME.wgsl` is the pass, `src/cpu/NAME.rs` its twin; `wgsl/shared/` is what passes share. A pass is believed when
+//! its twin agrees: exactly for integers, within a bound for shading. This crate does not know wgpu.
+
+pub mod arrays;
+pub mod passes;
+pub mod types;
+
+pub use arrays::SceneArrays;

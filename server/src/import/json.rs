@@ -46,7 +46,7 @@ fn check_version(root: &Root) -> Read<()> {
         return Err(malformed("asset.version", "2.0", version));
     }
     match root.asset.min_version.as_deref() {
-        None | Some("2.0") => Ok(()),
+        None | Some("2.0" | "1.0") => Ok(()),
         Some(least) => Err(malformed("asset.minVersion", "2.0 at most", least)),
     }
 }
@@ -149,6 +149,8 @@ struct Walk {
     index: bool,
     /// All keys below are names of things with indices (`attributes`, `targets`).
     named_indices: bool,
+    /// Below `extras` or `extensions`, where keys mean what their authors like.
+    foreign: bool,
 }
 
 const INDEX_KEYS: &[&str] = &[
@@ -160,10 +162,14 @@ const INDEX_KEYS: &[&str] = &[
 
 impl Walk {
     fn below(self, key: &str) -> Self {
+        if self.foreign || matches!(key, "extras" | "extensions") {
+            return Self { index: false, named_indices: false, foreign: true };
+        }
         let named_indices = self.named_indices || matches!(key, "attributes" | "targets");
         Self {
             index: named_indices || INDEX_KEYS.contains(&key),
             named_indices,
+            foreign: false,
         }
     }
 }

@@ -1,0 +1,294 @@
+//! Accessor: elements of a buffer view as numbers, sparse ones laid over.
+//!
+//! `open` checks every range once; reading an element afterwards cannot leave the view.
+
+use gltf::json::accessor::{ComponentType, Type};
+use gltf::json::validation::Checked;
+
+use super::Document;
+use super::buffers::out_of_range;
+use super::error::{Read, malformed};
+
+/// The elements of one accessor.
+pub(super) struct Accessor<'a> {
+    /// `accessors[7]`
+    pub(super) place: String,
+    pub(super) count: usize,
+    pub(super) component: ComponentType,
+    /// Components of an element: 1 to 4.
+    pub(super) lanes: usize,
+    pub(super) normalized: bool,
+    /// `None`: all zero but for the sparse elements.
+    base: Option<Elements<'a>>,
+    sparse: Option<Sparse<'a>>,
+}
+
+/// Invariant: `count` elements of `element_bytes` at `stride` lie within `bytes`.
+#[derive(Clone, Copy)]
+struct Elements<'a> {
+    bytes: &'a [u8],
+    stride: usize,
+    element_bytes: usize,
+}
+
+/// Invariant: `indices` increase strictly and lie below the accessor's count; there is a value for each.
+struct Sparse<'a> {
+    indices: Vec<u32>,
+    values: Elements<'a>,
+}
+
+impl<'a> Elements<'a> {
+    fn get(&self, index: usize) -> &'a [u8] {
+        let start = index * self.stride;
+        &self.bytes[start..start + self.element_bytes]
+    }
+}
+
+/// An accessor without a buffer view costs no bytes in the file, so its count is held to this many elements a sparse one.
+const UNBACKED_PER_SPARSE: u64 = 64;
+const UNBACKED_ALWAYS: u64 = 1024;
+
+impl<'a> Accessor<'a> {
+    /// Opens `accessors[index]`, to which `user` (`meshes[0].primitives[0].indices`) points.
+    pub(super) fn open(document: &Document<'a>, index: usize, user: &str) -> Read<Self> {
+        let accessors = &document.root.accessors;
+        let Some(accessor) = accessors.get(index) else {
+            return Err(out_of_range(user, "accessors", accessors.len(), index));
+        };
+        let place = format!("{user} (accessor {index})");
+        let Checked::Valid(component) = accessor.component_type else {
+            let expected = "one of 5120, 5121, 5122, 5123, 5125, 5126";
+            return Err(malformed(format!("{place}.componentType"), expected, "another number"));
+        };
+        let lanes = match accessor.type_ {
+            Checked::Valid(Type::Scalar) => 1,
+            Checked::Valid(Type::Vec2) => 2,
+            Checked::Valid(Type::Vec3) => 3,
+            Checked::Valid(Type::Vec4) => 4,
+            _ => return Err(malformed(format!("{place}.type"), "SCALAR or VEC2 to VEC4", "another")),
+        };
+        let size = Size {
+            component_bytes: component.0.size(),
+            element_bytes: component.0.size() * lanes,
+        };
+        let count = accessor.count.0;
+        let sparse_count = accessor.sparse.as_ref().map_or(0, |sparse| sparse.count.0);
+        let base = match accessor.buffer_view {
+            Some(view) => {
+                let offset = accessor.byte_offset.unwrap_or_default().0;
+                Some(elements(document, view.value(), offset, count, size, &place)?)
+            }
+            None => {
+                let most = sparse_count.saturating_mul(UNBACKED_PER_SPARSE).max(UNBACKED_ALWAYS);
+                if count > most {
+                    let expected = format!("a bufferView, or {most} elements at most");
+                    return Err(malformed(place, expected, format!("{count} elements of zero")));
+                }
+                None
+            }
+        };
+        let mut opened = Self {
+            place,
+            // In range: every element lies in memory, or the bound above holds.
+            count: count as usize,
+            component: component.0,
+            lanes,
+            normalized: accessor.normalized,
+            base,
+            sparse: None,
+        };
+        if accessor.sparse.is_some() {
+            opened.sparse = Some(opened.open_sparse(document, index, size)?);
+        }
+        Ok(opened)
+    }
+
+    fn open_sparse(&self, document: &Document<'a>, index: usize, size: Size) -> Read<Sparse<'a>> {
+        let place = format!("{}.sparse", self.place);
+        let Some(sparse) = &document.root.accessors[index].sparse else {
+            return Err(malformed(place, "a sparse object", "none"));
+        };
+        if sparse.count.0 > self.count as u64 {
+            let expected = format!("{} elements at most", self.count);
+            return Err(malformed(format!("{place}.count"), expected, sparse.count.0));
+        }
+        let indices_place = format!("{place}.indices");
+        let Checked::Valid(component) = sparse.indices.component_type else {
+            let expected = "one of 5121, 5123, 5125";
+            let place = format!("{indices_place}.componentType");
+            return Err(malformed(place, expected, "another number"));
+        };
+        let index_size = Size {
+            component_bytes: component.0.size(),
+            element_bytes: component.0.size(),
+        };
+        let view = sparse.indices.buffer_view.value();
+        let offset = sparse.indices.byte_offset.0;
+        let elements_of = |view, offset, size, place: &str| {
+            elements(document, view, offset, sparse.count.0, size, place)
+        };
+        let raw = elements_of(view, offset, index_size, &indices_place)?;
+        let view = sparse.values.buffer_view.value();
+        let offset = sparse.values.byte_offset.0;
+        let values = elements_of(view, offset, size, &format!("{place}.values"))?;
+
+        let mut indices: Vec<u32> = Vec::with_capacity(sparse.count.0 as usize);
+        for at in 0..sparse.count.0 as usize {
+            let index = unsigned(raw.get(at));
+            let rising = indices.last().is_none_or(|&last| last < index);
+            if !rising || index as usize >= self.count {
+                let expected = format!("increasing indices below {}", self.count);
+                let found = format!("{index} at element {at}");
+                return Err(malformed(indices_place, expected, found));
+            }
+            indices.push(index);
+        }
+        Ok(Sparse { indices, values })
+    }
+
+    fn element(&self, index: usize) -> Option<&'a [u8]> {
+        if let Some(sparse) = &self.sparse
+            && let Ok(at) = sparse.indices.binary_search(&(index as u32))
+        {
+            return Some(sparse.values.get(at));
+        }
+        self.base.map(|base| base.get(index))
+    }
+
+    /// Element `index < count` as floats, normalised where the accessor says so; `N` is at most `lanes`.
+    pub(super) fn floats<const N: usize>(&self, index: usize) -> [f32; N] {
+        let Some(element) = self.element(index) else {
+            return [0.0; N];
+        };
+        let bytes = self.component.size();
+        std::array::from_fn(|lane| {
+            let at = lane * bytes;
+            float(self.component, self.normalized, &element[at..at + bytes])
+        })
+    }
+
+    /// Element `index < count` of a scalar of unsigned integers.
+    pub(super) fn unsigned(&self, index: usize) -> u32 {
+        self.element(index)
+            .map_or(0, unsigned)
+    }
+
+    /// Demands a number of lanes and one of `components`, each with what is asked of `normalized` (`None`: either).
+    pub(super) fn expect(&self, lanes: &[usize], components: &[Component]) -> Read<()> {
+        if !lanes.contains(&self.lanes) {
+            let expected: Vec<_> = lanes.iter().map(|&lanes| type_name(lanes)).collect();
+            let place = format!("{}.type", self.place);
+            return Err(malformed(place, expected.join(" or "), type_name(self.lanes)));
+        }
+        let accepted = |(component, normalized): &Component| {
+            *component == self.component && normalized.is_none_or(|it| it == self.normalized)
+        };
+        if !components.iter().any(accepted) {
+            let expected: Vec<_> = components.iter().map(component_name).collect();
+            let found = component_name(&(self.component, Some(self.normalized)));
+            let place = format!("{}.componentType", self.place);
+            return Err(malformed(place, expected.join(" or "), found));
+        }
+        Ok(())
+    }
+}
+
+/// A component type, and whether it must, must not, or may be normalised.
+pub(super) type Component = (ComponentType, Option<bool>);
+
+#[derive(Clone, Copy)]
+struct Size {
+    component_bytes: usize,
+    element_bytes: usize,
+}
+
+/// The elements at `offset` in a view, checked for range and alignment.
+fn elements<'a>(
+    document: &Document<'a>,
+    view: usize,
+    offset: u64,
+    count: u64,
+    size: Size,
+    place: &str,
+) -> Read<Elements<'a>> {
+    let view_index = view;
+    let view = document.buffers.view(document.root, view, place)?;
+    let stride = view.stride.unwrap_or(size.element_bytes);
+    if stride < size.element_bytes {
+        let place = format!("bufferViews[{view_index}].byteStride");
+        let expected = format!("{} at least for {place}", size.element_bytes);
+        return Err(malformed(place, expected, stride));
+    }
+    // In u128: offset, count and stride are the file's, and their product wraps in 64 bits.
+    let end = match count {
+        0 => u128::from(offset),
+        _ => {
+            let last = u128::from(count - 1) * stride as u128;
+            u128::from(offset) + last + size.element_bytes as u128
+        }
+    };
+    if end > view.bytes.len() as u128 {
+        let expected = format!("elements within the {} bytes of its view", view.bytes.len());
+        let found = format!("{count} of them at byte {offset}, ending at {end}");
+        return Err(malformed(place, expected, found));
+    }
+    let offset = offset as usize;
+    if (view.offset_in_buffer + offset) % size.component_bytes != 0
+        || stride % size.component_bytes != 0
+    {
+        let expected = format!("alignment to {} bytes", size.component_bytes);
+        let found = format!("byte {} of the buffer", view.offset_in_buffer + offset);
+        return Err(malformed(place, expected, found));
+    }
+    Ok(Elements {
+        bytes: &view.bytes[offset..],
+        stride,
+        element_bytes: size.element_bytes,
+    })
+}
+
+/// The number that `bytes`, as long as the component, hold.
+fn float(component: ComponentType, normalized: bool, bytes: &[u8]) -> f32 {
+    // The specification's conversions; the signed ones reach -1 at two values.
+    let (value, one) = match (component, bytes) {
+        (ComponentType::F32, &[a, b, c, d]) => return f32::from_le_bytes([a, b, c, d]),
+        (ComponentType::I8, &[a]) => (f32::from(a as i8), 127.0),
+        (ComponentType::I16, &[a, b]) => (f32::from(i16::from_le_bytes([a, b])), 32767.0),
+        (ComponentType::U8, _) => (unsigned(bytes) as f32, 255.0),
+        (ComponentType::U16, _) => (unsigned(bytes) as f32, 65535.0),
+        _ => return unsigned(bytes) as f32,
+    };
+    match normalized {
+        true => (value / one).max(-1.0),
+        false => value,
+    }
+}
+
+/// The little-endian integer of 1 to 4 bytes.
+fn unsigned(bytes: &[u8]) -> u32 {
+    let mut word = [0; 4];
+    word[..bytes.len()].copy_from_slice(bytes);
+    u32::from_le_bytes(word)
+}
+
+fn type_name(lanes: usize) -> String {
+    match lanes {
+        1 => "SCALAR".to_owned(),
+        lanes => format!("VEC{lanes}"),
+    }
+}
+
+fn component_name((component, normalized): &Component) -> String {
+    let name = match component {
+        ComponentType::I8 => "i8",
+        ComponentType::U8 => "u8",
+        ComponentType::I16 => "i16",
+        ComponentType::U16 => "u16",
+        ComponentType::U32 => "u32",
+        ComponentType::F32 => return "f32".to_owned(),
+    };
+    match normalized {
+        Some(true) => format!("normalized {name}"),
+        _ => name.to_owned(),
+    }
+}

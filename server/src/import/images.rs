@@ -1,0 +1,142 @@
+//! Images: the encoded bytes behind textures, each once, measured but not decoded.
+
+use std::collections::HashMap;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+
+use image::{ImageFormat, ImageReader};
+
+use super::Document;
+use super::buffers::out_of_range;
+use super::error::{Read, cannot_read, malformed};
+use super::scene::{Image, MediaType};
+use super::uri::{self, Target};
+use super::warnings::Warnings;
+
+/// The images found so far.
+pub(super) struct Images<'a> {
+    document: &'a Document<'a>,
+    folder: &'a Path,
+    /// By index into the document's images; `None` within for one that is left out.
+    found: HashMap<usize, Option<u32>>,
+    /// Several images may name the same bytes; those are kept once.
+    by_origin: HashMap<Origin, Option<u32>>,
+    used: Vec<Image>,
+}
+
+#[derive(PartialEq, Eq, Hash)]
+enum Origin {
+    View(usize),
+    File(PathBuf),
+}
+
+impl<'a> Images<'a> {
+    pub(super) fn new(document: &'a Document<'a>, folder: &'a Path) -> Self {
+        Self {
+            document,
+            folder,
+            found: HashMap::new(),
+            by_origin: HashMap::new(),
+            used: Vec::new(),
+        }
+    }
+
+    /// The place in [`Images::into_used`] of `images[index]`, which `user` names; `None`, with a warning, where its format is
+    /// neither PNG nor JPEG.
+    pub(super) fn find(
+        &mut self,
+        index: usize,
+        user: &str,
+        warnings: &mut Warnings,
+    ) -> Read<Option<u32>> {
+        if let Some(found) = self.found.get(&index) {
+            return Ok(*found);
+        }
+        let images = &self.document.root.images;
+        let Some(image) = images.get(index) else {
+            let user = format!("{user}.source");
+            return Err(out_of_range(&user, "images", images.len(), index));
+        };
+        let place = format!("images[{index}]");
+        let (origin, bytes) = match (&image.uri, image.buffer_view) {
+            (None, Some(view)) => (Some(Origin::View(view.value())), None),
+            (Some(uri), None) => match uri::resolve(uri, self.folder, &format!("{place}.uri"))? {
+                Target::Data(bytes) => (None, Some(bytes)),
+                Target::File(path) => (Some(Origin::File(path)), None),
+            },
+            (uri, _) => {
+                let found = if uri.is_some() { "both" } else { "neither" };
+                return Err(malformed(place, "either a uri or a bufferView", found));
+            }
+        };
+        if let Some(known) = origin.as_ref().and_then(|it| self.by_origin.get(it)) {
+            let known = *known;
+            self.found.insert(index, known);
+            return Ok(known);
+        }
+        let bytes = match (&origin, bytes) {
+            (_, Some(bytes)) => bytes,
+            (Some(Origin::File(path)), _) => {
+                std::fs::read(path).map_err(|cause| cannot_read(&place, path, &cause))?
+            }
+            (Some(Origin::View(view)), _) => {
+                let buffers = self.document.buffers;
+                buffers.view(self.document.root, *view, &place)?.bytes.to_vec()
+            }
+            (None, None) => Vec::new(),
+        };
+        let number = measure(bytes, &place, warnings)?.map(|image| {
+            self.used.push(image);
+            self.used.len() as u32 - 1
+        });
+        self.found.insert(index, number);
+        if let Some(origin) = origin {
+            self.by_origin.insert(origin, number);
+        }
+        Ok(number)
+    }
+
+    /// The images that were asked for, in that order.
+    pub(super) fn into_used(self) -> Vec<Image> {
+        self.used
+    }
+}
+
+/// Tells the format by content and reads the size out of the header.
+fn measure(bytes: Vec<u8>, place: &str, warnings: &mut Warnings) -> Read<Option<Image>> {
+    let media_type = match image::guess_format(&bytes) {
+        Ok(ImageFormat::Png) => MediaType::Png,
+        Ok(ImageFormat::Jpeg) => MediaType::Jpeg,
+        Ok(other) => {
+            let what = format!("images of type {} left out", other.to_mime_type());
+            warnings.add(what, 1, place);
+            return Ok(None);
+        }
+        // KTX2, for one, which the image crate does not know.
+        Err(_) => {
+            let start = &bytes[..bytes.len().min(8)];
+            let what = format!("images that start with \"{}\" left out", start.escape_ascii());
+            warnings.add(what, 1, place);
+            return Ok(None);
+        }
+    };
+    let format = match media_type {
+        MediaType::Png => ImageFormat::Png,
+        MediaType::Jpeg => ImageFormat::Jpeg,
+    };
+    let reader = ImageReader::with_format(Cursor::new(&bytes), format);
+    let expected = format!("a readable {} header", media_type.as_str());
+    let (width, height) = reader
+        .into_dimensions()
+        .map_err(|error| malformed(place, &expected, error))?;
+    if width == 0 || height == 0 {
+        let found = format!("{width} x {height} pixels");
+        return Err(malformed(place, "pixels", found));
+    }
+    Ok(Some(Image {
+        media_type,
+        bytes,
+        width,
+        height,
+    }))
+}

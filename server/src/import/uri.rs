@@ -1,0 +1,186 @@
+//! URIs: inline data, or a file in the model's folder. Nothing else is followed.
+
+use std::path::{Component, Path, PathBuf};
+
+use super::error::{Read, cannot_read, malformed};
+
+/// What a URI stands for.
+#[derive(Debug, PartialEq)]
+pub(super) enum Target {
+    /// The decoded payload of a `data:` URI.
+    Data(Vec<u8>),
+    /// An existing file below the model's folder, links resolved.
+    File(PathBuf),
+}
+
+/// Follows `uri`, which stands at `place` in the document.
+///
+/// Refuses schemes other than `data:`, absolute paths, `..`, and links that lead out of `folder`.
+pub(super) fn resolve(uri: &str, folder: &Path, place: &str) -> Read<Target> {
+    if let Some(rest) = strip_prefix_ignoring_case(uri, "data:") {
+        return decode_data(rest, place).map(Target::Data);
+    }
+    if let Some(scheme) = scheme(uri) {
+        let found = format!("the scheme {scheme}:");
+        return Err(malformed(place, "a data: URI or a file name", found));
+    }
+    let name = percent_decode(uri.as_bytes())
+        .and_then(|bytes| String::from_utf8(bytes).ok())
+        .ok_or_else(|| malformed(place, "percent-encoded UTF-8", uri))?;
+    if name.chars().any(char::is_control) {
+        return Err(malformed(place, "a file name", "a control character"));
+    }
+    let inside = |component| matches!(component, Component::Normal(_) | Component::CurDir);
+    // A backslash separates on Windows only; refusing it everywhere keeps a file's meaning the same everywhere.
+    if name.is_empty() || name.contains('\\') || !Path::new(&name).components().all(inside) {
+        return Err(malformed(place, "a relative path below the model's folder", name));
+    }
+    let path = folder.join(&name);
+    let real = path.canonicalize().map_err(|cause| cannot_read(place, &path, &cause))?;
+    let real_folder = folder.canonicalize().map_err(|cause| cannot_read(place, folder, &cause))?;
+    if !real.starts_with(&real_folder) {
+        let found = format!("a link from {name} to elsewhere");
+        return Err(malformed(place, "a file below the model's folder", found));
+    }
+    // A named pipe would block, a device would never end.
+    if !real.is_file() {
+        return Err(malformed(place, "a regular file", name));
+    }
+    Ok(Target::File(real))
+}
+
+/// `file` of `file:///x`, `c` of `c:/x`.
+fn scheme(uri: &str) -> Option<&str> {
+    let (scheme, _) = uri.split_once(':')?;
+    let mut bytes = scheme.bytes();
+    let starts = bytes.next()?.is_ascii_alphabetic();
+    let rest = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'+' | b'-' | b'.');
+    (starts && bytes.all(rest)).then_some(scheme)
+}
+
+fn strip_prefix_ignoring_case<'a>(text: &'a str, prefix: &str) -> Option<&'a str> {
+    let start = text.get(..prefix.len())?;
+    start.eq_ignore_ascii_case(prefix).then(|| &text[prefix.len()..])
+}
+
+/// `[media type][;base64],payload`
+fn decode_data(rest: &str, place: &str) -> Read<Vec<u8>> {
+    let Some((header, payload)) = rest.split_once(',') else {
+        return Err(malformed(place, "a comma in the data: URI", "none"));
+    };
+    let last = header.rsplit(';').next().unwrap_or_default();
+    if header.contains(';') && last.eq_ignore_ascii_case("base64") {
+        return decode_base64(payload.as_bytes())
+            .ok_or_else(|| malformed(place, "base64 in the data: URI", "other characters"));
+    }
+    percent_decode(payload.as_bytes())
+        .ok_or_else(|| malformed(place, "percent-encoding in the data: URI", "a broken one"))
+}
+
+/// RFC 3986: `%20` is a blank and `+` stays a plus. `None` at a `%` without two hexadecimal digits.
+fn percent_decode(text: &[u8]) -> Option<Vec<u8>> {
+    let digit = |byte: u8| char::from(byte).to_digit(16).map(|digit| digit as u8);
+    let mut bytes = Vec::with_capacity(text.len());
+    let mut rest = text;
+    while let [first, tail @ ..] = rest {
+        rest = tail;
+        if *first != b'%' {
+            bytes.push(*first);
+            continue;
+        }
+        let [high, low, tail @ ..] = rest else { return None };
+        bytes.push(digit(*high)? << 4 | digit(*low)?);
+        rest = tail;
+    }
+    Some(bytes)
+}
+
+/// RFC 4648 section 4; the padding may be absent, stray bits and other characters may not be there.
+fn decode_base64(text: &[u8]) -> Option<Vec<u8>> {
+    let digit = |byte: u8| -> Option<u32> {
+        Some(u32::from(match byte {
+            b'A'..=b'Z' => byte - b'A',
+            b'a'..=b'z' => byte - b'a' + 26,
+            b'0'..=b'9' => byte - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            _ => return None,
+        }))
+    };
+    let padding = text.iter().rev().take(2).take_while(|&&byte| byte == b'=').count();
+    if padding > 0 && text.len() % 4 != 0 {
+        return None;
+    }
+    let text = &text[..text.len() - padding];
+    let mut bytes = Vec::with_capacity(text.len() / 4 * 3 + 2);
+    for quad in text.chunks(4) {
+        let mut bits = 0;
+        for &byte in quad {
+            bits = bits << 6 | digit(byte)?;
+        }
+        bits <<= 6 * (4 - quad.len());
+        let length = match quad.len() {
+            4 => 3,
+            3 if bits & 0xff == 0 => 2,
+            2 if bits & 0xffff == 0 => 1,
+            _ => return None,
+        };
+        bytes.extend_from_slice(&bits.to_be_bytes()[1..=length]);
+    }
+    Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    // A failing unwrap is a failing test.
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn base64_follows_the_vectors_of_rfc_4648() {
+        let vectors = [
+            ("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYg==", "foob"),
+            ("Zm9vYmE=", "fooba"), ("Zm9vYmFy", "foobar"), ("Zm9vYmE", "fooba"),
+        ];
+        for (text, bytes) in vectors {
+            assert_eq!(decode_base64(text.as_bytes()).unwrap(), bytes.as_bytes(), "{text}");
+        }
+        for text in ["@@@@", "Z", "Zg=", "Zh==", "Zm9=", "Zg==Zg==", "Zm 9v", "===="] {
+            assert_eq!(decode_base64(text.as_bytes()), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn data_uris_may_be_percent_encoded() {
+        let decode = |uri| resolve(uri, Path::new("."), "uri").unwrap();
+        assert_eq!(decode("data:,a%20b+"), Target::Data(b"a b+".to_vec()));
+        assert_eq!(decode("DATA:x/y;base64,AAE="), Target::Data(vec![0, 1]));
+    }
+
+    #[test]
+    fn only_files_below_the_folder_are_followed() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("model");
+        std::fs::create_dir_all(folder.join("sub")).unwrap();
+        std::fs::write(parent.path().join("secret"), "s").unwrap();
+        std::fs::write(folder.join("sub/a b+.bin"), "x").unwrap();
+        let follow = |uri: &str| resolve(uri, &folder, "buffers[0].uri");
+        let real = folder.canonicalize().unwrap().join("sub/a b+.bin");
+        assert_eq!(follow("sub/a%20b+.bin").unwrap(), Target::File(real.clone()));
+        assert_eq!(follow("./sub/a%20b+.bin").unwrap(), Target::File(real));
+        for uri in [
+            "../secret", "%2e%2e/secret", "sub/../../secret", "/etc/hostname", "//host/x", "", "sub",
+            "file:///etc/hostname", "http://127.0.0.1:9/x", "C:/x", "..\\secret", "a%00", "a%2", "%ff",
+        ] {
+            assert!(follow(uri).is_err(), "{uri}");
+        }
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink("../secret", folder.join("link")).unwrap();
+            let text = follow("link").unwrap_err().to_string();
+            assert!(text.contains("below the model's folder"), "{text}");
+            std::os::unix::fs::symlink("sub", folder.join("inner")).unwrap();
+            assert!(follow("inner/a%20b+.bin").is_ok());
+        }
+    }
+}

@@ -1,0 +1,311 @@
+//! The pass table and the assembly of WGSL sources.
+//!
+//! A pass's bindings are all in group 0, numbered in the order of [`Pass::bindings`]; the page pool comes last, as one or
+//! several bindings, because adapters bound the size of one. `tests/reflection.rs` compares the table with the WGSL.
+
+/// One entry point with what it reads and writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pass {
+    /// Name of the pass, of its file and of its twin.
+    pub name: &'static str,
+    /// Entry points: one compute, or vertex and fragment.
+    pub entry_points: &'static [&'static str],
+    /// Variables bound in group 0 from binding 0 on, without the pool.
+    pub bindings: &'static [&'static str],
+    /// Whether and how the pass uses the page pool.
+    pub pool: PoolAccess,
+    file: &'static str,
+}
+
+/// How a pass uses the page pool.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PoolAccess {
+    /// Not at all.
+    None,
+    /// `load_pool(word) -> u32`.
+    Read,
+    /// `store_pool(word, value)`.
+    Write,
+}
+
+/// How the pool is cut into bindings of `1 << words_log2` words each (the last may be shorter).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PoolBindings {
+    /// Bindings, at least one.
+    pub count: u32,
+    /// Base-two logarithm of the words of each.
+    pub words_log2: u32,
+}
+
+const fn pass(
+    name: &'static str,
+    file: &'static str,
+    entry_points: &'static [&'static str],
+    bindings: &'static [&'static str],
+    pool: PoolAccess,
+) -> Pass {
+    Pass {
+        name,
+        entry_points,
+        bindings,
+        pool,
+        file,
+    }
+}
+
+/// Disk form to memory form, a workgroup a cluster, one more a page for its header and tables.
+pub const TRANSCODE: Pass = pass(
+    "transcode",
+    include_str!("../wgsl/transcode.wgsl"),
+    &["transcode"],
+    &["transcode_jobs", "staging"],
+    PoolAccess::Write,
+);
+/// Instances in the frustum to root nodes, a thread an instance.
+pub const CULL_INSTANCES: Pass = pass(
+    "cull_instances",
+    include_str!("../wgsl/cull_instances.wgsl"),
+    &["cull_instances"],
+    &["view", "instances", "assets", "counters", "node_queue_out"],
+    PoolAccess::None,
+);
+/// Turns the next level's count into this level's and into arguments, one thread.
+pub const PREPARE_NODES: Pass = pass(
+    "prepare_nodes",
+    include_str!("../wgsl/prepare.wgsl"),
+    &["prepare_nodes"],
+    &["view", "counters", "args"],
+    PoolAccess::None,
+);
+/// One level of hierarchy nodes to nodes, candidates and requests, a thread a child.
+pub const CULL_NODES: Pass = pass(
+    "cull_nodes",
+    include_str!("../wgsl/cull_nodes.wgsl"),
+    &["cull_nodes"],
+    &[
+        "view",
+        "instances",
+        "assets",
+        "nodes",
+        "groups",
+        "parts",
+        "page_table",
+        "page_priority",
+        "counters",
+        "node_queue_in",
+        "node_queue_out",
+        "candidates",
+    ],
+    PoolAccess::None,
+);
+/// Arguments of `cull_clusters`, one thread.
+pub const PREPARE_CLUSTERS: Pass = pass(
+    "prepare_clusters",
+    include_str!("../wgsl/prepare.wgsl"),
+    &["prepare_clusters"],
+    &["view", "counters", "args"],
+    PoolAccess::None,
+);
+/// Candidates to visible clusters, a thread a candidate.
+pub const CULL_CLUSTERS: Pass = pass(
+    "cull_clusters",
+    include_str!("../wgsl/cull_clusters.wgsl"),
+    &["cull_clusters"],
+    &[
+        "view",
+        "instances",
+        "assets",
+        "groups",
+        "page_table",
+        "counters",
+        "candidates",
+        "visible",
+    ],
+    PoolAccess::Read,
+);
+/// Arguments of `raster`, one thread.
+pub const PREPARE_RASTER: Pass = pass(
+    "prepare_raster",
+    include_str!("../wgsl/prepare.wgsl"),
+    &["prepare_raster"],
+    &["view", "counters", "args"],
+    PoolAccess::None,
+);
+/// Visible clusters to the visbuffer, by the hardware rasterizer.
+pub const RASTER: Pass = pass(
+    "raster",
+    include_str!("../wgsl/raster.wgsl"),
+    &["raster_vertex", "raster_fragment"],
+    &["view", "instances", "assets", "visible", "visbuffer"],
+    PoolAccess::Read,
+);
+/// `raster` for scenes with masked materials: the fragment looks up alpha.
+pub const RASTER_MASKED: Pass = pass(
+    "raster_masked",
+    include_str!("../wgsl/raster_masked.wgsl"),
+    &["raster_vertex", "raster_fragment"],
+    &[
+        "view",
+        "instances",
+        "assets",
+        "visible",
+        "visbuffer",
+        "material_slots",
+        "materials",
+        "texture_records",
+        "texels",
+    ],
+    PoolAccess::Read,
+);
+/// Fragments a pixel, for the overdraw picture alone.
+pub const RASTER_OVERDRAW: Pass = pass(
+    "raster_overdraw",
+    include_str!("../wgsl/raster_overdraw.wgsl"),
+    &["raster_vertex", "raster_fragment"],
+    &["view", "instances", "assets", "visible", "fragment_counts"],
+    PoolAccess::Read,
+);
+/// Visbuffer to colours, a thread a pixel.
+pub const SHADE: Pass = pass(
+    "shade",
+    include_str!("../wgsl/shade.wgsl"),
+    &["shade"],
+    &[
+        "view",
+        "instances",
+        "assets",
+        "visible",
+        "visbuffer",
+        "material_slots",
+        "materials",
+        "texture_records",
+        "texels",
+        "fragment_counts",
+        "color",
+    ],
+    PoolAccess::Read,
+);
+/// Page priorities to a dense list for the host, a thread a page.
+pub const COMPACT_REQUESTS: Pass = pass(
+    "compact_requests",
+    include_str!("../wgsl/compact_requests.wgsl"),
+    &["compact_requests"],
+    &["view", "page_priority", "counters", "requests"],
+    PoolAccess::None,
+);
+/// Colours to the window's surface.
+pub const PRESENT: Pass = pass(
+    "present",
+    include_str!("../wgsl/present.wgsl"),
+    &["present_vertex", "present_fragment"],
+    &["view", "color"],
+    PoolAccess::None,
+);
+
+/// Every pass in frame order.
+pub const ALL: [Pass; 13] = [
+    TRANSCODE,
+    CULL_INSTANCES,
+    PREPARE_NODES,
+    CULL_NODES,
+    PREPARE_CLUSTERS,
+    CULL_CLUSTERS,
+    PREPARE_RASTER,
+    RASTER,
+    RASTER_MASKED,
+    RASTER_OVERDRAW,
+    SHADE,
+    COMPACT_REQUESTS,
+    PRESENT,
+];
+
+const SHARED: [(&str, &str); 6] = [
+    ("types", include_str!("../wgsl/shared/types.wgsl")),
+    ("view", include_str!("../wgsl/shared/view.wgsl")),
+    (
+        "error_metric",
+        include_str!("../wgsl/shared/error_metric.wgsl"),
+    ),
+    ("cluster", include_str!("../wgsl/shared/cluster.wgsl")),
+    (
+        "fetch_vertex",
+        include_str!("../wgsl/shared/fetch_vertex.wgsl"),
+    ),
+    (
+        "sample_texture",
+        include_str!("../wgsl/shared/sample_texture.wgsl"),
+    ),
+];
+
+impl Pass {
+    /// The whole WGSL module: every `#import NAME` line brings `wgsl/shared/NAME.wgsl` once, and the page pool's
+    /// declarations follow.
+    pub fn source(&self, pool: PoolBindings) -> String {
+        let mut imported = Vec::new();
+        let mut source = expand(self.file, &mut imported);
+        source.push_str(&self.pool_source(pool));
+        source
+    }
+
+    fn pool_source(&self, pool: PoolBindings) -> String {
+        let (access, reads) = match self.pool {
+            PoolAccess::None => return String::new(),
+            PoolAccess::Read => ("read", true),
+            PoolAccess::Write => ("read_write", false),
+        };
+        let mut source = String::from("\n");
+        for index in 0..pool.count {
+            let binding = self.bindings.len() as u32 + index;
+            source += &format!(
+                "@group(0) @binding({binding}) var<storage, {access}> pool_{index}: array<u32>;\n"
+            );
+        }
+        source += if reads {
+            "fn load_pool(word: u32) -> u32 {\n"
+        } else {
+            "fn store_pool(word: u32, value: u32) {\n"
+        };
+        let mask = (1u64 << pool.words_log2) - 1;
+        for index in 0..pool.count {
+            let place = if pool.count == 1 {
+                "word".to_owned()
+            } else {
+                format!("word & {mask}u")
+            };
+            let body = match reads {
+                true => format!("return pool_{index}[{place}];"),
+                false => format!("pool_{index}[{place}] = value; return;"),
+            };
+            source += &match index + 1 == pool.count {
+                true => format!("    {body}\n"),
+                false => format!(
+                    "    if (word >> {}u) == {index}u {{ {body} }}\n",
+                    pool.words_log2
+                ),
+            };
+        }
+        source + "}\n"
+    }
+}
+
+fn expand(file: &str, imported: &mut Vec<String>) -> String {
+    let mut source = String::new();
+    for line in file.lines() {
+        match line.strip_prefix("#import ") {
+            Some(name) if imported.iter().any(|known| known == name) => {}
+            Some(name) => {
+                imported.push(name.to_owned());
+                match SHARED.iter().find(|(known, _)| *known == name) {
+                    Some((_, shared)) => source += &expand(shared, imported),
+                    // Left as it is: naga names the line, and the test that parses every pass fails.
+                    None => source += &format!("{line}\n"),
+                }
+            }
+            None => {
+                source += line;
+                source += "\n";
+            }
+        }
+    }
+    source
+}

@@ -1,0 +1,292 @@
+//! Structs that cross the bus to the GPU. `wgsl/shared/types.wgsl` declares the same names; a test compares sizes and
+//! offsets by reflection.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Entry of the page table for a page that culling must not use.
+pub const NOT_INSTALLED: u32 = u32::MAX;
+/// [`MaterialRecord::texture`] of a material without a base-colour texture.
+pub const NO_TEXTURE: u32 = u32::MAX;
+/// Bits of a visbuffer id that number the triangle inside its cluster.
+pub const TRIANGLE_BITS: u32 = 7;
+
+/// The camera and the frame's settings. Relative space ("rel") is world space with the eye at the origin: it keeps f32
+/// exact near the eye however far the scene lies from the world's origin.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct View {
+    /// Column-major; reversed depth: 1 at the near plane, towards 0 far away, no far plane.
+    pub clip_from_rel: [[f32; 4]; 4],
+    /// Left, right, bottom, top, near: a point is inside where `dot(n, p) + d >= 0` for all; unit normals.
+    pub planes_in_rel: [[f32; 4]; 5],
+    /// High part of the eye in world space, metres.
+    pub eye_high: [f32; 3],
+    /// Allowed projected error, pixels.
+    pub pixel_error_px: f32,
+    /// Low part of the eye: the eye is the sum.
+    pub eye_low: [f32; 3],
+    /// Pixels that one metre covers at one metre's depth: height / (2 tan(fov / 2)).
+    pub pixels_at_one_metre: f32,
+    /// Unit vector of view.
+    pub forward: [f32; 3],
+    /// Distance of the near plane, metres.
+    pub near_metres: f32,
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// Instances in the scene.
+    pub instance_count: u32,
+    /// Pages in the scene.
+    pub page_count: u32,
+    /// What `shade` shows: a [`ShadeMode`] as a number.
+    pub shade_mode: u32,
+    /// Bits of [`view_flag`].
+    pub flags: u32,
+    /// Entries that the node queues hold.
+    pub node_capacity: u32,
+    /// Entries that the candidate and visible lists hold, each.
+    pub cluster_capacity: u32,
+    /// Entries that the request list holds.
+    pub request_capacity: u32,
+    /// Zero.
+    pub spare: [u32; 3],
+}
+
+/// Bits of [`View::flags`].
+pub mod view_flag {
+    /// Draw the finest level whole: no pixel-error test, no frustum test (`--reference`).
+    pub const REFERENCE: u32 = 1;
+}
+
+/// What `shade` shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum ShadeMode {
+    /// Materials and light.
+    #[default]
+    Shaded = 0,
+    /// A colour a triangle.
+    Triangles = 1,
+    /// A colour a cluster.
+    Clusters = 2,
+    /// A colour a group.
+    Groups = 3,
+    /// A colour a level.
+    Levels = 4,
+    /// A colour a page.
+    Pages = 5,
+    /// View-space depth, logarithmic grey.
+    Depth = 6,
+    /// World-space normals.
+    Normals = 7,
+    /// Fragments a pixel.
+    Overdraw = 8,
+    /// Which rasterizer drew it.
+    Raster = 9,
+    /// A colour a material.
+    Materials = 10,
+}
+
+/// An asset in the world. `world_from_local` has the asset's centre folded in.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct InstanceRecord {
+    /// High part of the translation, metres.
+    pub translation_high: [f32; 3],
+    /// Index of the asset.
+    pub asset: u32,
+    /// Low part of the translation.
+    pub translation_low: [f32; 3],
+    /// Largest stretch of the linear part, rounded up.
+    pub max_scale: f32,
+    /// First column of the linear part.
+    pub linear_x: [f32; 3],
+    /// 1 where the linear part mirrors, else 0.
+    pub mirrored: u32,
+    /// Second column.
+    pub linear_y: [f32; 3],
+    /// Zero.
+    pub spare_0: u32,
+    /// Third column.
+    pub linear_z: [f32; 3],
+    /// Zero.
+    pub spare_1: u32,
+}
+
+/// Where an asset's arrays begin in the scene's.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct AssetRecord {
+    /// First node; node references count from here.
+    pub node_base: u32,
+    /// First group.
+    pub group_base: u32,
+    /// First part.
+    pub part_base: u32,
+    /// First page: scene-wide page = base + page.
+    pub page_base: u32,
+    /// Smallest corner, local metres.
+    pub aabb_min: [f32; 3],
+    /// Metres a grid step.
+    pub position_step: f32,
+    /// Largest corner, local metres.
+    pub aabb_max: [f32; 3],
+    /// Texture widths a texture-grid step.
+    pub uv_step: f32,
+    /// `format::cluster::Attributes`.
+    pub attributes: u32,
+    /// First entry in the material slots.
+    pub material_base: u32,
+    /// Zero.
+    pub spare: [u32; 2],
+}
+
+/// One hierarchy node of one instance, waiting for `cull_nodes`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Pod, Zeroable)]
+#[repr(C)]
+pub struct NodeItem {
+    /// Index of the instance.
+    pub instance: u32,
+    /// Node, counted from the asset's first.
+    pub node: u32,
+}
+
+/// One cluster of one instance: a candidate, or visible.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Pod, Zeroable)]
+#[repr(C)]
+pub struct ClusterItem {
+    /// Index of the instance.
+    pub instance: u32,
+    /// Scene-wide page.
+    pub page: u32,
+    /// Cluster in the page.
+    pub cluster: u32,
+    /// First word of the page in the pool.
+    pub page_word: u32,
+}
+
+/// A page that culling wants, as the host reads it back.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct RequestRecord {
+    /// Scene-wide page.
+    pub page: u32,
+    /// Projected error of the most urgent group that wants it, pixels.
+    pub priority_px: f32,
+}
+
+/// Counters of one frame; cleared to zero before it. Counts may pass the capacity: what did not fit was not written, and
+/// the host sees by how much to grow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Counters {
+    /// Items in the node queue that `cull_nodes` reads.
+    pub node_count: u32,
+    /// Items that `cull_nodes` (or `cull_instances`) appended for the next level.
+    pub next_node_count: u32,
+    /// Candidate clusters.
+    pub candidate_count: u32,
+    /// Visible clusters.
+    pub visible_count: u32,
+    /// Requests.
+    pub request_count: u32,
+    /// Instances that passed.
+    pub instances_drawn: u32,
+    /// Hierarchy nodes visited.
+    pub nodes_visited: u32,
+    /// Triangles of the visible clusters.
+    pub triangles_drawn: u32,
+    /// Largest node queue of any level: what the capacity has to be.
+    pub node_count_max: u32,
+    /// Zero.
+    pub spare: [u32; 3],
+}
+
+/// Arguments of the indirect commands, in this order in one buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct IndirectArgs {
+    /// `dispatch_workgroups_indirect` of `cull_nodes`.
+    pub nodes: [u32; 3],
+    /// Zero.
+    pub spare_0: u32,
+    /// `dispatch_workgroups_indirect` of `cull_clusters`.
+    pub clusters: [u32; 3],
+    /// Zero.
+    pub spare_1: u32,
+    /// `draw_indirect` of `raster`: vertices, instances, first vertex, first instance.
+    pub raster: [u32; 4],
+}
+
+/// One page to transcode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TranscodeJob {
+    /// First word of the disk form in the staging buffer.
+    pub disk_word: u32,
+    /// First word of the cluster spans (`format::disk_form::ClusterSpan`) in the staging buffer.
+    pub span_word: u32,
+    /// First word of the page in the pool.
+    pub pool_word: u32,
+    /// First word of the material tables in the memory form.
+    pub tables_word: u32,
+}
+
+/// A material as `shade` reads it.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct MaterialRecord {
+    /// Linear RGBA factor.
+    pub base_color: [f32; 4],
+    /// Linear RGB.
+    pub emissive: [f32; 3],
+    /// Smallest visible alpha; 0 unless masked.
+    pub alpha_cutoff: f32,
+    /// First row of the map from stored to looked-up texture coordinates.
+    pub uv_row_u: [f32; 3],
+    /// Index into the texture records, or [`NO_TEXTURE`].
+    pub texture: u32,
+    /// Second row.
+    pub uv_row_v: [f32; 3],
+    /// Bits of [`material_flag`].
+    pub flags: u32,
+    /// 0..=1.
+    pub metallic: f32,
+    /// 0..=1.
+    pub roughness: f32,
+    /// Zero.
+    pub spare: [u32; 2],
+}
+
+/// Bits of [`MaterialRecord::flags`].
+pub mod material_flag {
+    /// Back faces are lit as fronts.
+    pub const DOUBLE_SIDED: u32 = 1;
+    /// The base colour is shown without light.
+    pub const UNLIT: u32 = 2;
+    /// Alpha below the cutoff is invisible.
+    pub const MASK: u32 = 4;
+    /// Magnification takes the nearest texel.
+    pub const NEAREST: u32 = 8;
+    /// u is clamped.
+    pub const CLAMP_U: u32 = 16;
+    /// v is clamped.
+    pub const CLAMP_V: u32 = 32;
+    /// u is mirrored.
+    pub const MIRROR_U: u32 = 64;
+    /// v is mirrored.
+    pub const MIRROR_V: u32 = 128;
+}
+
+/// A texture in the texel buffer: RGBA, sRGB bytes a word, mip after mip, each half the last rounded down, down to 1 x 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TextureRecord {
+    /// First word of mip 0.
+    pub first_word: u32,
+    /// Width of mip 0, texels.
+    pub width: u32,
+    /// Height of mip 0, texels.
+    pub height: u32,
+    /// Mips.
+    pub mip_count: u32,
+}
