@@ -1,1 +1,3 @@
-//! Placeholder.
+//! Server side of Lodestream: glTF to cluster hierarchies, pages, a library of scenes, and HTTP over it.
+
+pub mod import;

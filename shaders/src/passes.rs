@@ -219,12 +219,17 @@ pub const ALL: [Pass; 13] = [
     PRESENT,
 ];
 
-const SHARED: [(&str, &str); 6] = [
+const SHARED: [(&str, &str); 8] = [
     ("types", include_str!("../wgsl/shared/types.wgsl")),
     ("view", include_str!("../wgsl/shared/view.wgsl")),
     (
         "error_metric",
         include_str!("../wgsl/shared/error_metric.wgsl"),
+    ),
+    ("refine", include_str!("../wgsl/shared/refine.wgsl")),
+    (
+        "memory_form",
+        include_str!("../wgsl/shared/memory_form.wgsl"),
     ),
     ("cluster", include_str!("../wgsl/shared/cluster.wgsl")),
     (

@@ -1,1 +1,53 @@
-// Written by its owner.
+// Candidates to visible clusters, a thread a candidate.
+#import refine
+#import cluster
+
+@group(0) @binding(0) var<storage, read> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
+@group(0) @binding(3) var<storage, read> groups: array<Group>;
+@group(0) @binding(4) var<storage, read> page_table: array<u32>;
+@group(0) @binding(5) var<storage, read_write> counters: Counters;
+@group(0) @binding(6) var<storage, read> candidates: array<ClusterItem>;
+@group(0) @binding(7) var<storage, read_write> visible: array<ClusterItem>;
+
+// Drawn: its own group refines, the one below does not. One loop over both, so that the compiler makes one code of it.
+fn in_cut(own: u32, below: u32, instance: InstanceRecord, asset: AssetRecord) -> bool {
+    for (var step = 0u; step < 2u; step++) {
+        let number = select(below, own, step == 0u);
+        let exists = number != NO_GROUP;
+        let wanted = exists && refine(groups[asset.group_base + number], instance, asset.page_base);
+        if wanted != (step == 0u) {
+            return false;
+        }
+    }
+    return true;
+}
+
+@compute @workgroup_size(64)
+fn cull_clusters(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let index = thread_index(workgroup, local);
+    if index >= min(atomicLoad(&counters.candidate_count), view.cluster_capacity) {
+        return;
+    }
+    let item = candidates[index];
+    let instance = instances[item.instance];
+    let asset = assets[instance.asset];
+    let cluster = load_cluster(item.page_word, item.cluster);
+    if !in_cut(cluster.group, cluster.child_group, instance, asset) {
+        return;
+    }
+    let aabb_min = cluster_aabb_min(cluster, asset.position_step);
+    let aabb_max = cluster_aabb_max(cluster, asset.position_step);
+    if !is_reference(view) && !aabb_in_frustum(instance, view, aabb_min, aabb_max, CLUSTER_SLACK) {
+        return;
+    }
+    atomicAdd(&counters.triangles_drawn, cluster_triangle_count(cluster));
+    let place = atomicAdd(&counters.visible_count, 1u);
+    if place < view.cluster_capacity {
+        visible[place] = item;
+    }
+}

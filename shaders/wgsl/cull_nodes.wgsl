@@ -1,1 +1,97 @@
-// Written by its owner.
+// One level of hierarchy nodes to the next level, to candidates and to streaming requests, a thread a child.
+#import refine
+
+@group(0) @binding(0) var<storage, read> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
+@group(0) @binding(3) var<storage, read> nodes: array<Node>;
+@group(0) @binding(4) var<storage, read> groups: array<Group>;
+@group(0) @binding(5) var<storage, read> parts: array<Part>;
+@group(0) @binding(6) var<storage, read> page_table: array<u32>;
+@group(0) @binding(7) var<storage, read_write> page_priority: array<atomic<u32>>;
+@group(0) @binding(8) var<storage, read_write> counters: Counters;
+@group(0) @binding(9) var<storage, read> node_queue_in: array<NodeItem>;
+@group(0) @binding(10) var<storage, read_write> node_queue_out: array<NodeItem>;
+@group(0) @binding(11) var<storage, read_write> candidates: array<ClusterItem>;
+
+const HIERARCHY_WIDTH: u32 = 8u;
+const LEAF_FLAG: u32 = 0x80000000u;
+const NO_CHILD: u32 = 0xffffffffu;
+
+struct Node {
+    children: array<Child, 8>,
+}
+
+// Asks for every page of a group, installed or not: what is installed stays fresh.
+fn request_pages(group: Group, page_base: u32, priority: u32) {
+    for (var part = 0u; part < group.part_count; part++) {
+        atomicMax(&page_priority[page_base + group.first_page + part], priority);
+    }
+}
+
+fn append_candidates(group: Group, asset: AssetRecord, instance: u32) {
+    var place = atomicAdd(&counters.candidate_count, group.cluster_count);
+    for (var part = 0u; part < group.part_count; part++) {
+        let page = asset.page_base + group.first_page + part;
+        let page_word = page_table[page];
+        let range = parts[asset.part_base + group.first_part + part];
+        for (var cluster = 0u; cluster < range.cluster_count; cluster++) {
+            if place < view.cluster_capacity {
+                candidates[place] = ClusterItem(instance, page, range.first_cluster + cluster, page_word);
+            }
+            place++;
+        }
+    }
+}
+
+fn visit_group(group: Group, asset: AssetRecord, instance_index: u32, instance: InstanceRecord) {
+    let error = group.parent_error_metres;
+    let exact_px = group_projected_px(group, instance, f32(group.level));
+    if error_wanted(view, error, exact_px) {
+        request_pages(group, asset.page_base, priority_bits(error, exact_px));
+    }
+    // `cull_clusters` decides for itself, about the group and about the one below by the same code, so that two compilations
+    // of one formula cannot disagree; here a level's slack more lets nothing through too little.
+    let loose_px = group_projected_px(group, instance, f32(group.level + 1u));
+    if error_wanted(view, error, loose_px) && group_installed(group, asset.page_base) {
+        append_candidates(group, asset, instance_index);
+    }
+}
+
+@compute @workgroup_size(64)
+fn cull_nodes(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let thread = thread_index(workgroup, local);
+    let item_index = thread / HIERARCHY_WIDTH;
+    if item_index >= atomicLoad(&counters.node_count) {
+        return;
+    }
+    let item = node_queue_in[item_index];
+    let instance = instances[item.instance];
+    let asset = assets[instance.asset];
+    if thread % HIERARCHY_WIDTH == 0u {
+        atomicAdd(&counters.nodes_visited, 1u);
+    }
+    let child = nodes[asset.node_base + item.node].children[thread % HIERARCHY_WIDTH];
+    if child.reference == NO_CHILD {
+        return;
+    }
+    if !is_reference(view) && !aabb_in_frustum(instance, view, child.aabb_min, child.aabb_max, NODE_SLACK) {
+        return;
+    }
+    if (child.reference & LEAF_FLAG) != 0u {
+        let group = groups[asset.group_base + (child.reference & ~LEAF_FLAG)];
+        visit_group(group, asset, item.instance, instance);
+        return;
+    }
+    let error = child.max_parent_error_metres;
+    let projected_px = projected_error_px(view, instance, child.lod_center, child.lod_radius, error, NODE_LEVEL);
+    if error_wanted(view, error, projected_px) {
+        let place = atomicAdd(&counters.next_node_count, 1u);
+        if place < view.node_capacity {
+            node_queue_out[place] = NodeItem(item.instance, child.reference);
+        }
+    }
+}

@@ -1,1 +1,48 @@
-// Written by its owner.
+// Counts to arguments of the next indirect command; one thread each.
+#import view
+
+@group(0) @binding(0) var<storage, read> view: View;
+@group(0) @binding(1) var<storage, read_write> counters: Counters;
+@group(0) @binding(2) var<storage, read_write> args: IndirectArgs;
+
+// Threads that `cull_nodes` gives an item: one a child.
+const NODE_THREADS: u32 = 8u;
+// Vertices that `raster` draws an instance of: three a triangle of the largest cluster.
+const RASTER_VERTICES: u32 = 384u;
+
+// Workgroups along x and y for `items`, where a workgroup takes `items_a_workgroup`.
+fn workgroups(items: u32, items_a_workgroup: u32) -> vec2<u32> {
+    let count = items / items_a_workgroup + select(0u, 1u, items % items_a_workgroup != 0u);
+    let x = min(count, MAX_WORKGROUPS_X);
+    let y = count / MAX_WORKGROUPS_X + select(0u, 1u, count % MAX_WORKGROUPS_X != 0u);
+    return vec2<u32>(x, y);
+}
+
+@compute @workgroup_size(1)
+fn prepare_nodes() {
+    let appended = atomicExchange(&counters.next_node_count, 0u);
+    let count = min(appended, view.node_capacity);
+    atomicStore(&counters.node_count, count);
+    atomicMax(&counters.node_count_max, appended);
+    let size = workgroups(count, WORKGROUP_THREADS / NODE_THREADS);
+    args.nodes_x = size.x;
+    args.nodes_y = size.y;
+    args.nodes_z = 1u;
+}
+
+@compute @workgroup_size(1)
+fn prepare_clusters() {
+    let count = min(atomicLoad(&counters.candidate_count), view.cluster_capacity);
+    let size = workgroups(count, WORKGROUP_THREADS);
+    args.clusters_x = size.x;
+    args.clusters_y = size.y;
+    args.clusters_z = 1u;
+}
+
+@compute @workgroup_size(1)
+fn prepare_raster() {
+    args.raster_vertices = RASTER_VERTICES;
+    args.raster_instances = min(atomicLoad(&counters.visible_count), view.cluster_capacity);
+    args.raster_first_vertex = 0u;
+    args.raster_first_instance = 0u;
+}

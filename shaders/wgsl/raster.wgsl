@@ -1,1 +1,31 @@
-// Written by its owner.
+// Visible clusters to the visbuffer, by the hardware rasterizer: both sides of every triangle, whatever its material.
+//
+// Draw: `draw_indirect` with 384 vertices, an instance a visible cluster, triangle list, no culling, no depth attachment.
+// wgpu wants one attachment: an R8Unorm colour target with an empty write mask; the fragment stage returns nothing, which
+// wgpu accepts for a target whose output is missing.
+// Depth is position.z, which the hardware interpolates linearly in screen space, also for clipped triangles.
+#import types
+#import fetch_vertex
+
+@group(0) @binding(0) var<storage, read> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
+@group(0) @binding(3) var<storage, read> visible: array<ClusterItem>;
+@group(0) @binding(4) var<storage, read_write> visbuffer: array<atomic<u64>>;
+
+struct Fragment {
+    @invariant @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(flat, either) id: u32,
+}
+
+@vertex
+fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_index) visible_index: u32) -> Fragment {
+    let corner = fetch_corner(visible_index, vertex_index);
+    return Fragment(corner.clip, corner.id);
+}
+
+@fragment
+fn raster_fragment(fragment: Fragment) {
+    let word = (u64(bitcast<u32>(fragment.position.z)) << 32u) | u64(fragment.id);
+    atomicMax(&visbuffer[pixel_index(fragment.position)], word);
+}

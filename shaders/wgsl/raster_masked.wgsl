@@ -1,1 +1,73 @@
-// Written by its owner.
+// `raster` for scenes in which a material can hide a fragment: masked ones below their alpha cutoff, single-sided ones
+// from behind. The host records it instead of `raster` when any material has MASK or lacks DOUBLE_SIDED.
+//
+// The vertex stage looks the material up, once a corner; the fragment stage tests the side, then the alpha.
+// Drawn like `raster`, front face counter-clockwise.
+#import types
+#import fetch_vertex
+#import material
+#import sample_texture
+
+@group(0) @binding(0) var<storage, read> view: View;
+@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
+@group(0) @binding(3) var<storage, read> visible: array<ClusterItem>;
+@group(0) @binding(4) var<storage, read_write> visbuffer: array<atomic<u64>>;
+@group(0) @binding(5) var<storage, read> material_slots: array<u32>;
+@group(0) @binding(6) var<storage, read> materials: array<MaterialRecord>;
+@group(0) @binding(7) var<storage, read> texture_records: array<TextureRecord>;
+@group(0) @binding(8) var<storage, read> texels: array<u32>;
+
+struct Fragment {
+    @invariant @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(flat, either) id: u32,
+    @location(1) @interpolate(flat, either) material: u32,
+    @location(2) @interpolate(flat, either) mirrored: u32,
+    @location(3) uv: vec2<f32>,
+    @location(4) alpha: f32,
+}
+
+@vertex
+fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_index) visible_index: u32) -> Fragment {
+    let corner = fetch_corner(visible_index, vertex_index);
+    let instance = instances[visible[visible_index].instance];
+    let asset = assets[instance.asset];
+    var fragment = Fragment(corner.clip, corner.id, 0u, instance.mirrored, vec2<f32>(0.0), 1.0);
+    if corner.drawn == 0u {
+        return fragment;
+    }
+    fragment.material = material_of(asset, corner.cluster, corner.triangle);
+    if (materials[fragment.material].flags & MATERIAL_MASK) != 0u {
+        if (asset.attributes & ATTRIBUTE_UV) != 0u {
+            let uv = cluster_uv(corner.cluster, corner.vertex, asset.uv_step);
+            fragment.uv = transform_uv(materials[fragment.material], vec3<f32>(uv, 1.0));
+        }
+        if (asset.attributes & ATTRIBUTE_COLOR) != 0u {
+            fragment.alpha = cluster_color(corner.cluster, corner.vertex).a;
+        }
+    }
+    return fragment;
+}
+
+@fragment
+fn raster_fragment(fragment: Fragment, @builtin(front_facing) front_facing: bool) {
+    // Derivatives first: they need every lane of the quad.
+    let uv_dx = dpdx(fragment.uv);
+    let uv_dy = dpdy(fragment.uv);
+    let material = materials[fragment.material];
+    let front = front_facing != (fragment.mirrored != 0u);
+    if !front && (material.flags & MATERIAL_DOUBLE_SIDED) == 0u {
+        return;
+    }
+    if (material.flags & MATERIAL_MASK) != 0u {
+        var alpha = material.base_color.a * fragment.alpha;
+        if material.texture != NO_TEXTURE {
+            alpha *= sample_texture(texture_records[material.texture], material.flags, fragment.uv, uv_dx, uv_dy).a;
+        }
+        if alpha < material.alpha_cutoff {
+            return;
+        }
+    }
+    let word = (u64(bitcast<u32>(fragment.position.z)) << 32u) | u64(fragment.id);
+    atomicMax(&visbuffer[pixel_index(fragment.position)], word);
+}

@@ -58,14 +58,24 @@ impl<'a> Accessor<'a> {
         let place = format!("{user} (accessor {index})");
         let Checked::Valid(component) = accessor.component_type else {
             let expected = "one of 5120, 5121, 5122, 5123, 5125, 5126";
-            return Err(malformed(format!("{place}.componentType"), expected, "another number"));
+            return Err(malformed(
+                format!("{place}.componentType"),
+                expected,
+                "another number",
+            ));
         };
         let lanes = match accessor.type_ {
             Checked::Valid(Type::Scalar) => 1,
             Checked::Valid(Type::Vec2) => 2,
             Checked::Valid(Type::Vec3) => 3,
             Checked::Valid(Type::Vec4) => 4,
-            _ => return Err(malformed(format!("{place}.type"), "SCALAR or VEC2 to VEC4", "another")),
+            _ => {
+                return Err(malformed(
+                    format!("{place}.type"),
+                    "SCALAR or VEC2 to VEC4",
+                    "another",
+                ));
+            }
         };
         let size = Size {
             component_bytes: component.0.size(),
@@ -76,13 +86,26 @@ impl<'a> Accessor<'a> {
         let base = match accessor.buffer_view {
             Some(view) => {
                 let offset = accessor.byte_offset.unwrap_or_default().0;
-                Some(elements(document, view.value(), offset, count, size, &place)?)
+                Some(elements(
+                    document,
+                    view.value(),
+                    offset,
+                    count,
+                    size,
+                    &place,
+                )?)
             }
             None => {
-                let most = sparse_count.saturating_mul(UNBACKED_PER_SPARSE).max(UNBACKED_ALWAYS);
+                let most = sparse_count
+                    .saturating_mul(UNBACKED_PER_SPARSE)
+                    .max(UNBACKED_ALWAYS);
                 if count > most {
                     let expected = format!("a bufferView, or {most} elements at most");
-                    return Err(malformed(place, expected, format!("{count} elements of zero")));
+                    return Err(malformed(
+                        place,
+                        expected,
+                        format!("{count} elements of zero"),
+                    ));
                 }
                 None
             }
@@ -110,7 +133,11 @@ impl<'a> Accessor<'a> {
         };
         if sparse.count.0 > self.count as u64 {
             let expected = format!("{} elements at most", self.count);
-            return Err(malformed(format!("{place}.count"), expected, sparse.count.0));
+            return Err(malformed(
+                format!("{place}.count"),
+                expected,
+                sparse.count.0,
+            ));
         }
         let indices_place = format!("{place}.indices");
         let Checked::Valid(component) = sparse.indices.component_type else {
@@ -169,8 +196,7 @@ impl<'a> Accessor<'a> {
 
     /// Element `index < count` of a scalar of unsigned integers.
     pub(super) fn unsigned(&self, index: usize) -> u32 {
-        self.element(index)
-            .map_or(0, unsigned)
+        self.element(index).map_or(0, unsigned)
     }
 
     /// Demands a number of lanes and one of `components`, each with what is asked of `normalized` (`None`: either).
@@ -178,7 +204,11 @@ impl<'a> Accessor<'a> {
         if !lanes.contains(&self.lanes) {
             let expected: Vec<_> = lanes.iter().map(|&lanes| type_name(lanes)).collect();
             let place = format!("{}.type", self.place);
-            return Err(malformed(place, expected.join(" or "), type_name(self.lanes)));
+            return Err(malformed(
+                place,
+                expected.join(" or "),
+                type_name(self.lanes),
+            ));
         }
         let accepted = |(component, normalized): &Component| {
             *component == self.component && normalized.is_none_or(|it| it == self.normalized)
@@ -233,8 +263,8 @@ fn elements<'a>(
         return Err(malformed(place, expected, found));
     }
     let offset = offset as usize;
-    if (view.offset_in_buffer + offset) % size.component_bytes != 0
-        || stride % size.component_bytes != 0
+    if !(view.offset_in_buffer + offset).is_multiple_of(size.component_bytes)
+        || !stride.is_multiple_of(size.component_bytes)
     {
         let expected = format!("alignment to {} bytes", size.component_bytes);
         let found = format!("byte {} of the buffer", view.offset_in_buffer + offset);

@@ -23,7 +23,11 @@ pub(super) fn positions(
 ) -> Read<Vec<[f32; 3]>> {
     let user = format!("{place}.attributes.POSITION");
     let accessor = Accessor::open(document, accessor, &user)?;
-    let components = if document.quantized { QUANTIZED } else { &[FLOAT] };
+    let components = if document.quantized {
+        QUANTIZED
+    } else {
+        &[FLOAT]
+    };
     accessor.expect(&[3], components)?;
     let mut positions = Vec::with_capacity(used.len());
     for &vertex in used {
@@ -49,7 +53,11 @@ pub(super) fn normals(
     const LENGTH_TOLERANCE: f64 = 0.02;
     let user = format!("{place}.attributes.NORMAL");
     let accessor = Accessor::open(document, accessor, &user)?;
-    let components = if document.quantized { QUANTIZED_NORMAL } else { &[FLOAT] };
+    let components = if document.quantized {
+        QUANTIZED_NORMAL
+    } else {
+        &[FLOAT]
+    };
     accessor.expect(&[3], components)?;
     let mut rescaled = 0;
     let mut read = |&vertex: &u32| {
@@ -77,7 +85,11 @@ pub(super) fn uvs(
 ) -> Read<Vec<[f32; 2]>> {
     let user = format!("{place}.attributes.TEXCOORD_0");
     let accessor = Accessor::open(document, accessor, &user)?;
-    let components = if document.quantized { QUANTIZED } else { NORMALIZED };
+    let components = if document.quantized {
+        QUANTIZED
+    } else {
+        NORMALIZED
+    };
     accessor.expect(&[2], components)?;
     let mut replaced = 0;
     let uvs = used
@@ -89,7 +101,11 @@ pub(super) fn uvs(
             if finite { uv } else { [0.0; 2] }
         })
         .collect();
-    warnings.add("texture coordinates that are not finite set to 0", replaced, place);
+    warnings.add(
+        "texture coordinates that are not finite set to 0",
+        replaced,
+        place,
+    );
     Ok(uvs)
 }
 
@@ -121,7 +137,11 @@ pub(super) fn colors(
             color.map(|it| (it.clamp(0.0, 1.0) * 255.0).round() as u8)
         })
         .collect();
-    warnings.add("vertex colours that are not finite set to white", replaced, place);
+    warnings.add(
+        "vertex colours that are not finite set to white",
+        replaced,
+        place,
+    );
     warnings.add("vertex colours clamped to 0..1", clamped, place);
     Ok(colors)
 }

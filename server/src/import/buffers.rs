@@ -84,7 +84,12 @@ impl<'a> Buffers<'a> {
     pub(super) fn view(&self, root: &Root, index: usize, place: &str) -> Read<View<'_>> {
         let here = format!("{place}.bufferView");
         let Some(view) = root.buffer_views.get(index) else {
-            return Err(out_of_range(&here, "bufferViews", root.buffer_views.len(), index));
+            return Err(out_of_range(
+                &here,
+                "bufferViews",
+                root.buffer_views.len(),
+                index,
+            ));
         };
         let here = format!("bufferViews[{index}]");
         let Some(buffer) = self.buffers.get(view.buffer.value()) else {
@@ -134,5 +139,9 @@ pub(super) fn out_of_range(
     length: usize,
     found: usize,
 ) -> super::error::Fault {
-    malformed(place, format!("one of {length} {list}"), format!("index {found}"))
+    malformed(
+        place,
+        format!("one of {length} {list}"),
+        format!("index {found}"),
+    )
 }

@@ -25,7 +25,11 @@ pub(super) fn split<'a>(bytes: &'a [u8], warnings: &mut Warnings) -> Read<Contai
     if text.trim_ascii_start().first() != Some(&b'{') {
         let start = &bytes[..bytes.len().min(4)];
         let found = format!("\"{}\"", start.escape_ascii());
-        return Err(malformed("byte 0", "the magic \"glTF\" or a JSON object", found));
+        return Err(malformed(
+            "byte 0",
+            "the magic \"glTF\" or a JSON object",
+            found,
+        ));
     }
     Ok(Container {
         json: utf8(text)?,
@@ -98,7 +102,11 @@ fn word(bytes: &[u8], offset: usize, place: &str, length: usize) -> Read<u32> {
         Some(word) => Ok(u32::from_le_bytes(*word)),
         None => {
             let expected = format!("a word at byte {offset}");
-            Err(malformed(place, expected, format!("the end at byte {length}")))
+            Err(malformed(
+                place,
+                expected,
+                format!("the end at byte {length}"),
+            ))
         }
     }
 }

@@ -61,11 +61,7 @@ pub enum Fault {
 }
 
 /// A [`Fault::Malformed`]; texts from the file are made printable and short.
-pub(super) fn malformed(
-    place: impl Display,
-    expected: impl Display,
-    found: impl Display,
-) -> Fault {
+pub(super) fn malformed(place: impl Display, expected: impl Display, found: impl Display) -> Fault {
     Fault::Malformed {
         place: one_line(&place),
         expected: one_line(&expected),

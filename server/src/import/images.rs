@@ -58,42 +58,53 @@ impl<'a> Images<'a> {
             return Err(out_of_range(&user, "images", images.len(), index));
         };
         let place = format!("images[{index}]");
-        let (origin, bytes) = match (&image.uri, image.buffer_view) {
-            (None, Some(view)) => (Some(Origin::View(view.value())), None),
+        let origin = match (&image.uri, image.buffer_view) {
+            (None, Some(view)) => Origin::View(view.value()),
             (Some(uri), None) => match uri::resolve(uri, self.folder, &format!("{place}.uri"))? {
-                Target::Data(bytes) => (None, Some(bytes)),
-                Target::File(path) => (Some(Origin::File(path)), None),
+                Target::File(path) => Origin::File(path),
+                Target::Data(bytes) => {
+                    let number = self.keep(measure(bytes, &place, warnings)?);
+                    self.found.insert(index, number);
+                    return Ok(number);
+                }
             },
             (uri, _) => {
                 let found = if uri.is_some() { "both" } else { "neither" };
                 return Err(malformed(place, "either a uri or a bufferView", found));
             }
         };
-        if let Some(known) = origin.as_ref().and_then(|it| self.by_origin.get(it)) {
-            let known = *known;
-            self.found.insert(index, known);
-            return Ok(known);
-        }
-        let bytes = match (&origin, bytes) {
-            (_, Some(bytes)) => bytes,
-            (Some(Origin::File(path)), _) => {
-                std::fs::read(path).map_err(|cause| cannot_read(&place, path, &cause))?
+        let number = match self.by_origin.get(&origin) {
+            Some(known) => *known,
+            None => {
+                let bytes = self.load(&origin, &place)?;
+                let number = self.keep(measure(bytes, &place, warnings)?);
+                self.by_origin.insert(origin, number);
+                number
             }
-            (Some(Origin::View(view)), _) => {
-                let buffers = self.document.buffers;
-                buffers.view(self.document.root, *view, &place)?.bytes.to_vec()
-            }
-            (None, None) => Vec::new(),
         };
-        let number = measure(bytes, &place, warnings)?.map(|image| {
-            self.used.push(image);
-            self.used.len() as u32 - 1
-        });
         self.found.insert(index, number);
-        if let Some(origin) = origin {
-            self.by_origin.insert(origin, number);
-        }
         Ok(number)
+    }
+
+    fn load(&self, origin: &Origin, place: &str) -> Read<Vec<u8>> {
+        match origin {
+            Origin::File(path) => {
+                std::fs::read(path).map_err(|cause| cannot_read(place, path, &cause))
+            }
+            Origin::View(view) => {
+                let buffers = self.document.buffers;
+                Ok(buffers
+                    .view(self.document.root, *view, place)?
+                    .bytes
+                    .to_vec())
+            }
+        }
+    }
+
+    fn keep(&mut self, image: Option<Image>) -> Option<u32> {
+        let number = self.used.len() as u32;
+        self.used.push(image?);
+        Some(number)
     }
 
     /// The images that were asked for, in that order.
@@ -115,7 +126,10 @@ fn measure(bytes: Vec<u8>, place: &str, warnings: &mut Warnings) -> Read<Option<
         // KTX2, for one, which the image crate does not know.
         Err(_) => {
             let start = &bytes[..bytes.len().min(8)];
-            let what = format!("images that start with \"{}\" left out", start.escape_ascii());
+            let what = format!(
+                "images that start with \"{}\" left out",
+                start.escape_ascii()
+            );
             warnings.add(what, 1, place);
             return Ok(None);
         }

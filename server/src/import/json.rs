@@ -34,7 +34,9 @@ fn with_scene_nodes(text: &str) -> serde_json::Result<Root> {
     let scenes = value.get_mut("scenes").and_then(|it| it.as_array_mut());
     for scene in scenes.into_iter().flatten() {
         if let Some(scene) = scene.as_object_mut() {
-            scene.entry("nodes").or_insert_with(|| Vec::<u32>::new().into());
+            scene
+                .entry("nodes")
+                .or_insert_with(|| Vec::<u32>::new().into());
         }
     }
     serde_json::from_value(value)
@@ -54,7 +56,9 @@ fn check_version(root: &Root) -> Read<()> {
 fn fault(text: &str, error: &serde_json::Error) -> Fault {
     let message = error.to_string();
     // The position is part of the place; serde_json has it in the message, too.
-    let message = message.rsplit_once(" at line ").map_or(&*message, |it| it.0);
+    let message = message
+        .rsplit_once(" at line ")
+        .map_or(&*message, |it| it.0);
     let (found, expected) = match message.split_once(", expected ") {
         Some((found, expected)) => (found, expected),
         None => (message, "glTF 2.0 JSON"),
@@ -154,16 +158,43 @@ struct Walk {
 }
 
 const INDEX_KEYS: &[&str] = &[
-    "buffer", "bufferView", "camera", "children", "componentType", "index", "indices", "input",
-    "inverseBindMatrices", "joints", "magFilter", "material", "mesh", "minFilter", "mode", "node",
-    "nodes", "output", "sampler", "scene", "skeleton", "skin", "source", "target", "texCoord",
-    "wrapS", "wrapT",
+    "buffer",
+    "bufferView",
+    "camera",
+    "children",
+    "componentType",
+    "index",
+    "indices",
+    "input",
+    "inverseBindMatrices",
+    "joints",
+    "magFilter",
+    "material",
+    "mesh",
+    "minFilter",
+    "mode",
+    "node",
+    "nodes",
+    "output",
+    "sampler",
+    "scene",
+    "skeleton",
+    "skin",
+    "source",
+    "target",
+    "texCoord",
+    "wrapS",
+    "wrapT",
 ];
 
 impl Walk {
     fn below(self, key: &str) -> Self {
         if self.foreign || matches!(key, "extras" | "extensions") {
-            return Self { index: false, named_indices: false, foreign: true };
+            return Self {
+                index: false,
+                named_indices: false,
+                foreign: true,
+            };
         }
         let named_indices = self.named_indices || matches!(key, "attributes" | "targets");
         Self {

@@ -29,7 +29,14 @@ pub(super) fn read(
         let mut material = read_factors(source, &place, warnings)?;
         if let Some(texture) = &source.pbr_metallic_roughness.base_color_texture {
             let place = format!("{place}.pbrMetallicRoughness.baseColorTexture");
-            read_texture(document, texture, &place, &mut material, &mut images, warnings)?;
+            read_texture(
+                document,
+                texture,
+                &place,
+                &mut material,
+                &mut images,
+                warnings,
+            )?;
         }
         materials.push(material);
     }
@@ -39,14 +46,13 @@ pub(super) fn read(
     Ok((materials, images.into_used()))
 }
 
-fn note_other_textures(
-    source: &gltf::json::Material,
-    place: &str,
-    warnings: &mut Warnings,
-) {
+fn note_other_textures(source: &gltf::json::Material, place: &str, warnings: &mut Warnings) {
     let pbr = &source.pbr_metallic_roughness;
     let textures = [
-        ("metallicRoughnessTexture", pbr.metallic_roughness_texture.is_some()),
+        (
+            "metallicRoughnessTexture",
+            pbr.metallic_roughness_texture.is_some(),
+        ),
         ("normalTexture", source.normal_texture.is_some()),
         ("occlusionTexture", source.occlusion_texture.is_some()),
         ("emissiveTexture", source.emissive_texture.is_some()),
@@ -72,16 +78,16 @@ fn read_factors(
     numbers.extend(pbr.base_color_factor.0);
     numbers.extend(emissive_factor);
     if !numbers.iter().all(|it| it.is_finite()) {
-        return Err(malformed(place, "factors within f32", format!("{numbers:?}")));
+        return Err(malformed(
+            place,
+            "factors within f32",
+            format!("{numbers:?}"),
+        ));
     }
-    let (mut clamped, mut clamp) = (false, |it: f32, most: f32| {
-        let inside = it.clamp(0.0, most);
-        (inside, inside != it)
-    });
+    let mut clamped = false;
     let mut unit = |it: f32| {
-        let (inside, changed) = clamp(it, 1.0);
-        clamped |= changed;
-        inside
+        clamped |= !(0.0..=1.0).contains(&it);
+        it.clamp(0.0, 1.0)
     };
     let material = Material {
         name: source.name.clone().unwrap_or_default(),
@@ -103,7 +109,11 @@ fn read_factors(
         roughness: unit(pbr.roughness_factor.0),
         ..Material::default()
     };
-    warnings.add("materials with factors clamped to 0..1", u64::from(clamped), place);
+    warnings.add(
+        "materials with factors clamped to 0..1",
+        u64::from(clamped),
+        place,
+    );
     Ok(material)
 }
 
@@ -121,8 +131,13 @@ fn read_texture(
         let place = format!("{place}.index");
         return Err(out_of_range(&place, "textures", root.textures.len(), index));
     };
-    let transform = info.extensions.as_ref().and_then(|it| it.texture_transform.as_ref());
-    let uv_set = transform.and_then(|it| it.tex_coord).unwrap_or(info.tex_coord);
+    let transform = info
+        .extensions
+        .as_ref()
+        .and_then(|it| it.texture_transform.as_ref());
+    let uv_set = transform
+        .and_then(|it| it.tex_coord)
+        .unwrap_or(info.tex_coord);
     if uv_set != 0 {
         warnings.add(format!("textures on TEXCOORD_{uv_set} left out"), 1, place);
         return Ok(());
@@ -131,7 +146,11 @@ fn read_texture(
     // The crate's mark for a texture without a source: an extension holds it.
     if texture.source.value() == u32::MAX as usize {
         let others = texture.extensions.as_ref().map(|it| &it.others);
-        let names: Vec<_> = others.into_iter().flat_map(|it| it.keys()).cloned().collect();
+        let names: Vec<_> = others
+            .into_iter()
+            .flat_map(|it| it.keys())
+            .cloned()
+            .collect();
         let what = match names.is_empty() {
             true => "textures without an image left out".to_owned(),
             false => format!("textures that need {} left out", names.join(", ")),
@@ -149,7 +168,12 @@ fn read_texture(
     };
     let Some(sampler) = root.samplers.get(sampler.value()) else {
         let place = format!("{place}.sampler");
-        return Err(out_of_range(&place, "samplers", root.samplers.len(), sampler.value()));
+        return Err(out_of_range(
+            &place,
+            "samplers",
+            root.samplers.len(),
+            sampler.value(),
+        ));
     };
     let wrap = |mode, name: &str| match mode {
         Checked::Valid(WrappingMode::Repeat) => Ok(SamplerWrap::Repeat),

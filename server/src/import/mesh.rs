@@ -72,8 +72,17 @@ pub(super) fn build(document: &Document, index: usize) -> Read<BuiltMesh> {
             warnings,
         });
     }
+    // Corners are counted in 32 bits from here on.
+    let triangles: usize = primitives.iter().map(|it| it.triangles.len()).sum();
+    if triangles > u32::MAX as usize / 3 {
+        let expected = format!("{} triangles at most in a mesh", u32::MAX / 3);
+        return Err(malformed(place, expected, triangles));
+    }
     let mut mesh = Mesh {
-        name: source.name.clone().unwrap_or_else(|| format!("mesh_{index}")),
+        name: source
+            .name
+            .clone()
+            .unwrap_or_else(|| format!("mesh_{index}")),
         ..Mesh::default()
     };
     merge_vertices(document, &mut primitives, &mut mesh, &place, &mut warnings)?;
@@ -112,12 +121,19 @@ fn merge_vertices(
     let mut uvs = Vec::new();
     let mut colors = Vec::new();
     let mut given_normals = Vec::new();
-    for Group { source, place, used } in &groups {
+    for Group {
+        source,
+        place,
+        used,
+    } in &groups
+    {
         let positions = attributes::positions(document, source.position, used, place)?;
         mesh.positions.extend(positions);
         let length = mesh.positions.len();
         if let Some(accessor) = source.normal {
-            given_normals.extend(attributes::normals(document, accessor, used, place, warnings)?);
+            given_normals.extend(attributes::normals(
+                document, accessor, used, place, warnings,
+            )?);
         }
         // Zero where there are none; they are made below.
         given_normals.resize(if any_normals { length } else { 0 }, [0.0; 3]);
@@ -133,7 +149,9 @@ fn merge_vertices(
             None => {}
         }
         if let Some(accessor) = source.color {
-            colors.extend(attributes::colors(document, accessor, used, place, warnings)?);
+            colors.extend(attributes::colors(
+                document, accessor, used, place, warnings,
+            )?);
         }
         colors.resize(if any_colors { length } else { 0 }, [u8::MAX; 4]);
     }
@@ -148,7 +166,9 @@ fn group(primitives: &mut [PrimitiveTriangles], place: &str) -> Read<Vec<Group>>
     let mut members: Vec<Vec<usize>> = Vec::new();
     let mut group_of_source = HashMap::new();
     for (at, primitive) in primitives.iter().enumerate() {
-        let group = *group_of_source.entry(primitive.source).or_insert(members.len());
+        let group = *group_of_source
+            .entry(primitive.source)
+            .or_insert(members.len());
         if group == members.len() {
             members.push(Vec::new());
         }
@@ -277,7 +297,11 @@ fn merge_normals(
     let kept = sources.len() as u32;
     sources.extend(&made.sources);
     let mut all_normals: Vec<[f32; 3]> = Vec::with_capacity(sources.len());
-    all_normals.extend(sources[..kept as usize].iter().map(|&it| given[it as usize]));
+    all_normals.extend(
+        sources[..kept as usize]
+            .iter()
+            .map(|&it| given[it as usize]),
+    );
     gather(mesh, &sources);
     for primitive in dressed {
         for corner in primitive.triangles.iter_mut().flatten() {
@@ -321,9 +345,12 @@ fn merge_triangles(
     let materials = &document.root.materials;
     let mut slot_of_material = HashMap::new();
     for primitive in primitives {
-        let textured = primitive
-            .material
-            .is_some_and(|it| materials[it].pbr_metallic_roughness.base_color_texture.is_some());
+        let textured = primitive.material.is_some_and(|it| {
+            materials[it]
+                .pbr_metallic_roughness
+                .base_color_texture
+                .is_some()
+        });
         if textured && primitive.source.uv.is_none() {
             let what = "textured primitives without TEXCOORD_0";
             warnings.add(what, 1, &primitive.place);
@@ -335,7 +362,11 @@ fn merge_triangles(
             mesh.material_slots.push(material);
         }
         let Ok(slot) = u16::try_from(slot) else {
-            return Err(malformed(place, "65536 materials at most in a mesh", "more"));
+            return Err(malformed(
+                place,
+                "65536 materials at most in a mesh",
+                "more",
+            ));
         };
         let length = mesh.triangles.len() + primitive.triangles.len();
         mesh.triangles.extend(primitive.triangles);

@@ -36,14 +36,23 @@ pub(super) fn place(document: &Document, warnings: &mut Warnings) -> Read<Placed
     };
     if root.nodes.is_empty() && root.scenes.is_empty() {
         let meshes = root.meshes.len();
-        warnings.add("meshes of a file without nodes placed at its origin", meshes as u64, "nodes");
+        warnings.add(
+            "meshes of a file without nodes placed at its origin",
+            meshes as u64,
+            "nodes",
+        );
         for mesh in 0..meshes as u32 {
             placed.show(mesh, DAffine3::IDENTITY);
         }
         return Ok(placed);
     }
     walk(document, roots, &mut placed, warnings)?;
-    for (at, _) in placed.mesh_used.iter().enumerate().filter(|(_, used)| !**used) {
+    for (at, _) in placed
+        .mesh_used
+        .iter()
+        .enumerate()
+        .filter(|(_, used)| !**used)
+    {
         let what = "meshes that the scene does not show left out";
         warnings.add(what, 1, &format!("meshes[{at}]"));
     }
@@ -80,16 +89,28 @@ fn check_forest(root: &Root) -> Read<Vec<Option<usize>>> {
     }
     // With one parent each, what no root leads to hangs on a cycle.
     let mut reached = vec![false; nodes.len()];
-    let mut open: Vec<usize> = (0..nodes.len()).filter(|&at| parents[at].is_none()).collect();
+    let mut open: Vec<usize> = (0..nodes.len())
+        .filter(|&at| parents[at].is_none())
+        .collect();
     while let Some(at) = open.pop() {
         reached[at] = true;
-        open.extend(nodes[at].children.iter().flatten().map(|child| child.value()));
+        open.extend(
+            nodes[at]
+                .children
+                .iter()
+                .flatten()
+                .map(|child| child.value()),
+        );
     }
     match reached.iter().position(|reached| !reached) {
         None => Ok(parents),
         Some(at) => {
             let place = format!("nodes[{at}]");
-            Err(malformed(place, "a node below a root", "a node on or below a cycle of children"))
+            Err(malformed(
+                place,
+                "a node below a root",
+                "a node on or below a cycle of children",
+            ))
         }
     }
 }
@@ -105,7 +126,9 @@ fn choose_scene(
         if root.scene.is_some() {
             return Err(out_of_range("scene", "scenes", root.scenes.len(), chosen));
         }
-        let roots = (0..parents.len()).filter(|&at| parents[at].is_none()).collect();
+        let roots = (0..parents.len())
+            .filter(|&at| parents[at].is_none())
+            .collect();
         return Ok((None, roots));
     };
     warnings.add(
@@ -153,7 +176,11 @@ fn walk(
         let place = format!("nodes[{at}]");
         let world_from_node = world_from_parent * transform(node, &place, warnings)?;
         if !world_from_node.is_finite() {
-            return Err(malformed(place, "a finite transform to the world", "an overflow"));
+            return Err(malformed(
+                place,
+                "a finite transform to the world",
+                "an overflow",
+            ));
         }
         if let Some(mesh) = node.mesh {
             let meshes = document.root.meshes.len();
@@ -188,7 +215,11 @@ fn transform(node: &Node, place: &str, warnings: &mut Warnings) -> Read<DAffine3
         true => Ok(()),
         false => {
             let place = format!("{place}.{name}");
-            Err(malformed(place, "numbers within f32", format!("{values:?}")))
+            Err(malformed(
+                place,
+                "numbers within f32",
+                format!("{values:?}"),
+            ))
         }
     };
     if let Some(matrix) = &node.matrix {
@@ -202,9 +233,15 @@ fn transform(node: &Node, place: &str, warnings: &mut Warnings) -> Read<DAffine3
         // Exporters multiply in f32, so the last row may be off by a rounding.
         let off = |(found, expected): (&f32, f32)| (found - expected).abs() > 1e-5;
         if last_row.iter().zip([0.0, 0.0, 0.0, 1.0]).any(off) {
-            return Err(malformed(place, "a last row of 0 0 0 1", format!("{last_row:?}")));
+            return Err(malformed(
+                place,
+                "a last row of 0 0 0 1",
+                format!("{last_row:?}"),
+            ));
         }
-        return Ok(DAffine3::from_mat4(DMat4::from_cols_array(&matrix.map(f64::from))));
+        return Ok(DAffine3::from_mat4(DMat4::from_cols_array(
+            &matrix.map(f64::from),
+        )));
     }
     let translation = node.translation.unwrap_or([0.0; 3]);
     let scale = node.scale.unwrap_or([1.0; 3]);
@@ -310,7 +347,11 @@ impl Instancing<'_> {
             true => Ok(node_from_instance),
             false => {
                 let place = format!("{place}.extensions.{}", features::INSTANCING);
-                Err(malformed(place, "finite transforms", format!("others at instance {at}")))
+                Err(malformed(
+                    place,
+                    "finite transforms",
+                    format!("others at instance {at}"),
+                ))
             }
         }
     }

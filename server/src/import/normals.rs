@@ -115,7 +115,12 @@ impl Fans {
             })
             .collect();
         let mut starts = vec![0; ids.len() + 1];
-        let corner_ids = || triangles.iter().flatten().map(|&v| id_of_vertex[v as usize] as usize);
+        let corner_ids = || {
+            triangles
+                .iter()
+                .flatten()
+                .map(|&v| id_of_vertex[v as usize] as usize)
+        };
         for id in corner_ids() {
             starts[id + 1] += 1;
         }
@@ -197,7 +202,10 @@ impl Task {
 /// A normal for every spoke. Spokes that average over the same faces get the same bits.
 fn shade(fan: &[Spoke]) -> Vec<[f32; 3]> {
     let mut normals = match fan.len() <= EXACT_VALENCE {
-        true => fan.iter().map(|spoke| mean_within_crease(spoke.face, fan)).collect(),
+        true => fan
+            .iter()
+            .map(|spoke| mean_within_crease(spoke.face, fan))
+            .collect(),
         false => shade_by_cells(fan),
     };
     let with_area = || (0..fan.len()).filter(|&at| fan[at].face != DVec3::ZERO);
@@ -216,7 +224,9 @@ fn shade(fan: &[Spoke]) -> Vec<[f32; 3]> {
 }
 
 fn mean_within_crease(face: DVec3, fan: &[Spoke]) -> [f32; 3] {
-    let near = fan.iter().filter(|other| other.face.dot(face) >= CREASE_COS);
+    let near = fan
+        .iter()
+        .filter(|other| other.face.dot(face) >= CREASE_COS);
     unit(near.map(|spoke| spoke.weighted).sum())
 }
 
@@ -227,7 +237,9 @@ fn shade_by_cells(fan: &[Spoke]) -> Vec<[f32; 3]> {
     let mut cells: Vec<Spoke> = Vec::new();
     let mut cell_of_spoke = Vec::with_capacity(fan.len());
     for spoke in fan {
-        let cell = *cell_ids.entry(octahedral_cell(spoke.face)).or_insert(cells.len());
+        let cell = *cell_ids
+            .entry(octahedral_cell(spoke.face))
+            .or_insert(cells.len());
         if cell == cells.len() {
             cells.push(Spoke {
                 vertex: 0,
@@ -242,7 +254,10 @@ fn shade_by_cells(fan: &[Spoke]) -> Vec<[f32; 3]> {
         .iter()
         .map(|cell| mean_within_crease(cell.face, &cells))
         .collect();
-    cell_of_spoke.into_iter().map(|cell| normals[cell]).collect()
+    cell_of_spoke
+        .into_iter()
+        .map(|cell| normals[cell])
+        .collect()
 }
 
 /// A number for a direction's neighbourhood; one of its own for zero.
@@ -258,7 +273,8 @@ fn octahedral_cell(direction: DVec3) -> u32 {
             (1.0 - x.abs()) * 1f64.copysign(y),
         );
     }
-    let cell = |it: f64| ((it * 0.5 + 0.5) * CELLS_PER_SIDE).clamp(0.0, CELLS_PER_SIDE - 1.0) as u32;
+    let cell =
+        |it: f64| ((it * 0.5 + 0.5) * CELLS_PER_SIDE).clamp(0.0, CELLS_PER_SIDE - 1.0) as u32;
     cell(y) * CELLS_PER_SIDE as u32 + cell(x)
 }
 

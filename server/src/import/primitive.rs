@@ -47,7 +47,11 @@ pub(super) fn read(
         return Ok(None);
     }
     let Checked::Valid(mode) = primitive.mode else {
-        return Err(malformed(format!("{place}.mode"), "a number in 0..=6", "another"));
+        return Err(malformed(
+            format!("{place}.mode"),
+            "a number in 0..=6",
+            "another",
+        ));
     };
     let targets = primitive.targets.as_ref().map_or(0, Vec::len);
     warnings.add("morph targets left out", targets as u64, &place);
@@ -64,7 +68,11 @@ pub(super) fn read(
     let corners = Corners::open(document, primitive, vertex_count, &place)?;
     if mode == Mode::Triangles {
         let rest = corners.count() % 3;
-        warnings.add("corners after the last whole triangle left out", rest as u64, &place);
+        warnings.add(
+            "corners after the last whole triangle left out",
+            rest as u64,
+            &place,
+        );
     }
     let mut triangles = read_triangles(&corners, mode)?;
     let listed = triangles.len();
@@ -195,7 +203,11 @@ impl<'a> Corners<'a> {
             } => {
                 let vertex = indices.unsigned(at);
                 if vertex == *restart || vertex as usize >= *vertex_count {
-                    let restarts = if vertex == *restart { ", the restart value," } else { "" };
+                    let restarts = if vertex == *restart {
+                        ", the restart value,"
+                    } else {
+                        ""
+                    };
                     let expected = format!("indices below {vertex_count}");
                     let found = format!("{vertex}{restarts} at element {at}");
                     return Err(malformed(&indices.place, expected, found));

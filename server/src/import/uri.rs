@@ -33,11 +33,19 @@ pub(super) fn resolve(uri: &str, folder: &Path, place: &str) -> Read<Target> {
     let inside = |component| matches!(component, Component::Normal(_) | Component::CurDir);
     // A backslash separates on Windows only; refusing it everywhere keeps a file's meaning the same everywhere.
     if name.is_empty() || name.contains('\\') || !Path::new(&name).components().all(inside) {
-        return Err(malformed(place, "a relative path below the model's folder", name));
+        return Err(malformed(
+            place,
+            "a relative path below the model's folder",
+            name,
+        ));
     }
     let path = folder.join(&name);
-    let real = path.canonicalize().map_err(|cause| cannot_read(place, &path, &cause))?;
-    let real_folder = folder.canonicalize().map_err(|cause| cannot_read(place, folder, &cause))?;
+    let real = path
+        .canonicalize()
+        .map_err(|cause| cannot_read(place, &path, &cause))?;
+    let real_folder = folder
+        .canonicalize()
+        .map_err(|cause| cannot_read(place, folder, &cause))?;
     if !real.starts_with(&real_folder) {
         let found = format!("a link from {name} to elsewhere");
         return Err(malformed(place, "a file below the model's folder", found));
@@ -60,7 +68,9 @@ fn scheme(uri: &str) -> Option<&str> {
 
 fn strip_prefix_ignoring_case<'a>(text: &'a str, prefix: &str) -> Option<&'a str> {
     let start = text.get(..prefix.len())?;
-    start.eq_ignore_ascii_case(prefix).then(|| &text[prefix.len()..])
+    start
+        .eq_ignore_ascii_case(prefix)
+        .then(|| &text[prefix.len()..])
 }
 
 /// `[media type][;base64],payload`
@@ -88,7 +98,9 @@ fn percent_decode(text: &[u8]) -> Option<Vec<u8>> {
             bytes.push(*first);
             continue;
         }
-        let [high, low, tail @ ..] = rest else { return None };
+        let [high, low, tail @ ..] = rest else {
+            return None;
+        };
         bytes.push(digit(*high)? << 4 | digit(*low)?);
         rest = tail;
     }
@@ -107,8 +119,13 @@ fn decode_base64(text: &[u8]) -> Option<Vec<u8>> {
             _ => return None,
         }))
     };
-    let padding = text.iter().rev().take(2).take_while(|&&byte| byte == b'=').count();
-    if padding > 0 && text.len() % 4 != 0 {
+    let padding = text
+        .iter()
+        .rev()
+        .take(2)
+        .take_while(|&&byte| byte == b'=')
+        .count();
+    if padding > 0 && !text.len().is_multiple_of(4) {
         return None;
     }
     let text = &text[..text.len() - padding];
@@ -139,13 +156,25 @@ mod tests {
     #[test]
     fn base64_follows_the_vectors_of_rfc_4648() {
         let vectors = [
-            ("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYg==", "foob"),
-            ("Zm9vYmE=", "fooba"), ("Zm9vYmFy", "foobar"), ("Zm9vYmE", "fooba"),
+            ("", ""),
+            ("Zg==", "f"),
+            ("Zm8=", "fo"),
+            ("Zm9v", "foo"),
+            ("Zm9vYg==", "foob"),
+            ("Zm9vYmE=", "fooba"),
+            ("Zm9vYmFy", "foobar"),
+            ("Zm9vYmE", "fooba"),
         ];
         for (text, bytes) in vectors {
-            assert_eq!(decode_base64(text.as_bytes()).unwrap(), bytes.as_bytes(), "{text}");
+            assert_eq!(
+                decode_base64(text.as_bytes()).unwrap(),
+                bytes.as_bytes(),
+                "{text}"
+            );
         }
-        for text in ["@@@@", "Z", "Zg=", "Zh==", "Zm9=", "Zg==Zg==", "Zm 9v", "===="] {
+        for text in [
+            "@@@@", "Z", "Zg=", "Zh==", "Zm9=", "Zg==Zg==", "Zm 9v", "====",
+        ] {
             assert_eq!(decode_base64(text.as_bytes()), None, "{text}");
         }
     }
@@ -166,11 +195,26 @@ mod tests {
         std::fs::write(folder.join("sub/a b+.bin"), "x").unwrap();
         let follow = |uri: &str| resolve(uri, &folder, "buffers[0].uri");
         let real = folder.canonicalize().unwrap().join("sub/a b+.bin");
-        assert_eq!(follow("sub/a%20b+.bin").unwrap(), Target::File(real.clone()));
+        assert_eq!(
+            follow("sub/a%20b+.bin").unwrap(),
+            Target::File(real.clone())
+        );
         assert_eq!(follow("./sub/a%20b+.bin").unwrap(), Target::File(real));
         for uri in [
-            "../secret", "%2e%2e/secret", "sub/../../secret", "/etc/hostname", "//host/x", "", "sub",
-            "file:///etc/hostname", "http://127.0.0.1:9/x", "C:/x", "..\\secret", "a%00", "a%2", "%ff",
+            "../secret",
+            "%2e%2e/secret",
+            "sub/../../secret",
+            "/etc/hostname",
+            "//host/x",
+            "",
+            "sub",
+            "file:///etc/hostname",
+            "http://127.0.0.1:9/x",
+            "C:/x",
+            "..\\secret",
+            "a%00",
+            "a%2",
+            "%ff",
         ] {
             assert!(follow(uri).is_err(), "{uri}");
         }

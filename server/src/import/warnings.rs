@@ -1,11 +1,15 @@
 //! What was left out or changed, one line a kind.
 
+use std::collections::HashMap;
+
 use super::error::one_line;
 
 /// Kinds in the order of their first mention. A file of ten thousand meshes that all lack the same thing gives one line.
 #[derive(Debug, Default)]
 pub(super) struct Warnings {
     kinds: Vec<Kind>,
+    /// Names out of the file make kinds, so there may be very many.
+    at: HashMap<String, usize>,
 }
 
 #[derive(Debug)]
@@ -37,12 +41,12 @@ impl Warnings {
     }
 
     fn note(&mut self, new: Kind) {
-        match self.kinds.iter_mut().find(|kind| kind.what == new.what) {
-            Some(kind) => {
-                kind.amount += new.amount;
-                kind.places += new.places;
-            }
-            None => self.kinds.push(new),
+        if let Some(&at) = self.at.get(&new.what) {
+            self.kinds[at].amount += new.amount;
+            self.kinds[at].places += new.places;
+        } else {
+            self.at.insert(new.what.clone(), self.kinds.len());
+            self.kinds.push(new);
         }
     }
 

@@ -1,0 +1,33 @@
+# Each target installs what a fresh Debian or Ubuntu machine with Rust, a C compiler and make still lacks, or says what to install.
+.PHONY: demo test report bench lint build
+
+CARGO ?= cargo
+
+build:
+	$(CARGO) build --release --workspace
+
+# Ingest, serve, stream a camera path, write pictures and a report; target/demo holds them.
+demo: build
+	@.ci/vulkan
+	@loadtests/demo.sh
+
+test:
+	@.ci/vulkan
+	@if $(CARGO) nextest --version >/dev/null 2>&1; then \
+	  $(CARGO) nextest run --workspace --no-fail-fast; \
+	else \
+	  $(CARGO) test --workspace --no-fail-fast; \
+	fi
+
+# Error against run time: target/report/index.html with the JSON beside it.
+report: build
+	@.ci/vulkan
+	@loadtests/report.sh
+
+bench:
+	$(CARGO) bench --workspace
+
+lint:
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --workspace --all-targets -- -D warnings
+	$(CARGO) check -p lodestream-client --no-default-features

@@ -1,0 +1,256 @@
+//! Pipelines by pass, built when first asked for: what a scene or a mode does not need is never built.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use lodestream_shaders::passes::{Pass, PoolAccess, PoolBindings};
+
+use super::bindings::{Layout, layout};
+use super::buffers::Named;
+use super::device::Gpu;
+use super::error::GpuError;
+
+/// Format of the attachment that a raster pass must have but never writes: WebGPU has no attachment-free passes.
+pub const NO_COLOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+
+/// A pass ready to be bound.
+#[derive(Debug)]
+pub struct BuiltPass {
+    name: &'static str,
+    layout: Layout,
+    pipeline: Pipeline,
+}
+
+#[derive(Debug)]
+enum Pipeline {
+    Compute(wgpu::ComputePipeline),
+    Render(wgpu::RenderPipeline),
+}
+
+/// A pass with its buffers.
+#[derive(Debug)]
+pub struct Bound {
+    /// The pass.
+    pub pass: Arc<BuiltPass>,
+    group: wgpu::BindGroup,
+}
+
+/// Every pipeline built so far.
+#[derive(Debug)]
+pub struct Pipelines {
+    gpu: Gpu,
+    pool: PoolBindings,
+    built: BTreeMap<&'static str, Arc<BuiltPass>>,
+}
+
+impl Pipelines {
+    /// Nothing built yet; the pool's bindings are part of the sources.
+    pub fn new(gpu: &Gpu, pool: PoolBindings) -> Self {
+        Self {
+            gpu: gpu.clone(),
+            pool,
+            built: BTreeMap::new(),
+        }
+    }
+
+    /// Names of what was built.
+    pub fn names(&self) -> Vec<&'static str> {
+        self.built.keys().copied().collect()
+    }
+
+    /// The pass, built if it is not yet. `target` is the format that its fragments write, where it writes one.
+    pub fn get(
+        &mut self,
+        pass: &Pass,
+        target: Option<wgpu::TextureFormat>,
+    ) -> Result<Arc<BuiltPass>, GpuError> {
+        if let Some(built) = self.built.get(pass.name) {
+            return Ok(built.clone());
+        }
+        let built = Arc::new(self.build(pass, target)?);
+        self.built.insert(pass.name, built.clone());
+        Ok(built)
+    }
+
+    /// The pass with the buffers that it names.
+    pub fn bind(&mut self, pass: &Pass, buffers: &Named<'_>) -> Result<Bound, GpuError> {
+        self.bind_to(pass, None, buffers)
+    }
+
+    /// [`Pipelines::bind`] for a pass whose fragments write colours of `target`.
+    pub fn bind_to(
+        &mut self,
+        pass: &Pass,
+        target: Option<wgpu::TextureFormat>,
+        buffers: &Named<'_>,
+    ) -> Result<Bound, GpuError> {
+        let built = self.get(pass, target)?;
+        let mut entries = Vec::new();
+        for (binding, name) in built.layout.names.iter().enumerate() {
+            if name.is_empty() {
+                continue;
+            }
+            let buffer = buffers.get(name).ok_or_else(|| GpuError::Pass {
+                pass: pass.name,
+                reason: format!("no buffer named {name}"),
+            })?;
+            entries.push(wgpu::BindGroupEntry {
+                binding: binding as u32,
+                resource: buffer.as_entire_binding(),
+            });
+        }
+        let device = &self.gpu.device;
+        let group = self
+            .gpu
+            .checked(|| {
+                device.create_bind_group(&wgpu::BindGroupDescriptor {
+                    label: Some(pass.name),
+                    layout: &built.layout.group,
+                    entries: &entries,
+                })
+            })
+            .map_err(|reason| GpuError::Pass {
+                pass: pass.name,
+                reason,
+            })?;
+        Ok(Bound { pass: built, group })
+    }
+
+    fn build(
+        &self,
+        pass: &Pass,
+        target: Option<wgpu::TextureFormat>,
+    ) -> Result<BuiltPass, GpuError> {
+        let source = pass.source(self.pool);
+        let draws = pass.entry_points.len() == 2;
+        let stages = match draws {
+            true => wgpu::ShaderStages::VERTEX_FRAGMENT,
+            false => wgpu::ShaderStages::COMPUTE,
+        };
+        let mut expected: Vec<String> = pass.bindings.iter().map(|&name| name.to_owned()).collect();
+        if pass.pool != PoolAccess::None {
+            expected.extend((0..self.pool.count).map(|index| format!("pool_{index}")));
+        }
+        let expected: Vec<_> = expected.iter().map(String::as_str).collect();
+        let layout = layout(&self.gpu, pass.name, &source, &expected, stages)?;
+        let wrong = |reason| GpuError::Pass {
+            pass: pass.name,
+            reason,
+        };
+        let pipeline = self
+            .gpu
+            .checked(|| match draws {
+                true => Pipeline::Render(self.render_pipeline(pass, &layout, source, target)),
+                false => Pipeline::Compute(self.compute_pipeline(pass, &layout, source)),
+            })
+            .map_err(wrong)?;
+        Ok(BuiltPass {
+            name: pass.name,
+            layout,
+            pipeline,
+        })
+    }
+
+    fn module(&self, pass: &Pass, source: String) -> wgpu::ShaderModule {
+        self.gpu
+            .device
+            .create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(pass.name),
+                source: wgpu::ShaderSource::Wgsl(source.into()),
+            })
+    }
+
+    fn pipeline_layout(&self, pass: &Pass, layout: &Layout) -> wgpu::PipelineLayout {
+        self.gpu
+            .device
+            .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(pass.name),
+                bind_group_layouts: &[Some(&layout.group)],
+                immediate_size: 0,
+            })
+    }
+
+    fn compute_pipeline(
+        &self,
+        pass: &Pass,
+        layout: &Layout,
+        source: String,
+    ) -> wgpu::ComputePipeline {
+        let module = self.module(pass, source);
+        self.gpu
+            .device
+            .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(pass.name),
+                layout: Some(&self.pipeline_layout(pass, layout)),
+                module: &module,
+                entry_point: Some(pass.entry_points[0]),
+                compilation_options: Default::default(),
+                cache: None,
+            })
+    }
+
+    fn render_pipeline(
+        &self,
+        pass: &Pass,
+        layout: &Layout,
+        source: String,
+        target: Option<wgpu::TextureFormat>,
+    ) -> wgpu::RenderPipeline {
+        let module = self.module(pass, source);
+        let color = wgpu::ColorTargetState {
+            format: target.unwrap_or(NO_COLOR_FORMAT),
+            blend: None,
+            write_mask: match target {
+                Some(_) => wgpu::ColorWrites::ALL,
+                None => wgpu::ColorWrites::empty(),
+            },
+        };
+        self.gpu
+            .device
+            .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(pass.name),
+                layout: Some(&self.pipeline_layout(pass, layout)),
+                vertex: wgpu::VertexState {
+                    module: &module,
+                    entry_point: Some(pass.entry_points[0]),
+                    compilation_options: Default::default(),
+                    buffers: &[],
+                },
+                // Back faces are drawn too: the nearest surface wins, and shading knows which side it sees.
+                primitive: wgpu::PrimitiveState::default(),
+                depth_stencil: None,
+                multisample: wgpu::MultisampleState::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &module,
+                    entry_point: Some(pass.entry_points[1]),
+                    compilation_options: Default::default(),
+                    targets: &[Some(color)],
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+    }
+}
+
+impl Bound {
+    /// Name of the pass.
+    pub fn name(&self) -> &'static str {
+        self.pass.name
+    }
+
+    /// Sets pipeline and buffers of a compute pass.
+    pub fn set_compute(&self, encoder: &mut wgpu::ComputePass<'_>) {
+        if let Pipeline::Compute(pipeline) = &self.pass.pipeline {
+            encoder.set_pipeline(pipeline);
+            encoder.set_bind_group(0, &self.group, &[]);
+        }
+    }
+
+    /// Sets pipeline and buffers of a pass that draws.
+    pub fn set_render(&self, encoder: &mut wgpu::RenderPass<'_>) {
+        if let Pipeline::Render(pipeline) = &self.pass.pipeline {
+            encoder.set_pipeline(pipeline);
+            encoder.set_bind_group(0, &self.group, &[]);
+        }
+    }
+}

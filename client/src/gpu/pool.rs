@@ -1,0 +1,101 @@
+//! The page pool: one range of words, cut into as many buffers as the adapter's largest binding asks for.
+
+use lodestream_shaders::passes::{ALL, PoolAccess, PoolBindings};
+
+use super::device::Gpu;
+use super::error::GpuError;
+
+/// Most bindings that the pool is cut into: each costs a comparison a load and a binding of the stage's few.
+pub const MAX_POOL_BINDINGS: u32 = 4;
+
+/// The pool's buffers.
+#[derive(Debug)]
+pub struct Pool {
+    /// How words spread over the buffers.
+    pub bindings: PoolBindings,
+    /// One buffer a binding.
+    pub buffers: Vec<wgpu::Buffer>,
+    /// Words of all buffers.
+    pub words: u64,
+}
+
+/// Cuts `words` into bindings that the adapter can bind.
+pub fn cut(gpu: &Gpu, words: u64) -> Result<PoolBindings, GpuError> {
+    let words = words.max(1);
+    let largest_words = gpu.max_binding_bytes() / 4;
+    if words <= largest_words {
+        let words_log2 = u64::BITS - (words - 1).leading_zeros();
+        return Ok(PoolBindings {
+            count: 1,
+            words_log2: words_log2.min(31),
+        });
+    }
+    let words_log2 = largest_words.ilog2();
+    let count = words.div_ceil(1 << words_log2);
+    let most = max_bindings(gpu);
+    if count > most as u64 {
+        return Err(GpuError::Limit {
+            adapter: gpu.name.clone(),
+            expected: format!("a page pool of {} bytes", words * 4),
+            found: format!("at most {} bytes ({most} bindings)", max_bytes(gpu)),
+        });
+    }
+    Ok(PoolBindings {
+        count: count as u32,
+        words_log2,
+    })
+}
+
+/// Largest pool that the adapter can bind, bytes. Word numbers are 32 bits, the last one means "not installed".
+pub fn max_bytes(gpu: &Gpu) -> u64 {
+    let largest_words = gpu.max_binding_bytes() / 4;
+    let whole = (1u64 << largest_words.ilog2()) * 4 * max_bindings(gpu) as u64;
+    whole
+        .max(largest_words * 4)
+        .min((u32::MAX as u64 - 1) * 4)
+}
+
+fn max_bindings(gpu: &Gpu) -> u32 {
+    let others = ALL
+        .iter()
+        .filter(|pass| pass.pool != PoolAccess::None)
+        .map(|pass| pass.bindings.len() as u32)
+        .max()
+        .unwrap_or(0);
+    gpu.limits
+        .max_storage_buffers_per_shader_stage
+        .saturating_sub(others)
+        .clamp(1, MAX_POOL_BINDINGS)
+}
+
+impl Pool {
+    /// Makes the buffers; fails where the limits or the memory do not suffice.
+    pub fn new(gpu: &Gpu, words: u64) -> Result<Self, GpuError> {
+        let bindings = cut(gpu, words)?;
+        let mut buffers = Vec::new();
+        let mut left = words.max(1);
+        for index in 0..bindings.count {
+            let own = match index + 1 == bindings.count {
+                true => left,
+                false => 1 << bindings.words_log2,
+            };
+            left -= own;
+            buffers.push(super::buffers::create(
+                gpu,
+                "pool",
+                own * 4,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+            )?);
+        }
+        Ok(Self {
+            bindings,
+            buffers,
+            words,
+        })
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.words * 4
+    }
+}

@@ -1,0 +1,120 @@
+//! The one table from errors to statuses, and the text that a client sees: never what lies behind the server.
+
+use axum::http::header::{ALLOW, CONTENT_RANGE, CONTENT_TYPE, RETRY_AFTER};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+use lodestream_format::FormatError;
+
+use crate::library::LibraryError;
+
+/// Media type of every text answer.
+pub(super) const TEXT: HeaderValue = HeaderValue::from_static("text/plain; charset=utf-8");
+
+/// Why a request has no better answer.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum HttpError {
+    /// The request is not what the route takes.
+    #[error("{0}")]
+    BadRequest(FormatError),
+    /// No such route, scene, object or page.
+    #[error("{0}")]
+    NotFound(String),
+    /// The route exists for other methods.
+    #[error("this route takes other methods")]
+    WrongMethod,
+    /// The body did not come in time.
+    #[error("the body did not come in time")]
+    Slow,
+    /// The request asks for more than one answer gives.
+    #[error("{0}")]
+    TooLarge(FormatError),
+    /// No byte of the object lies in the range.
+    #[error("the object has {bytes} bytes")]
+    OutsideObject {
+        /// Bytes of the object.
+        bytes: u64,
+    },
+    /// The server is going down or its store does not answer.
+    #[error("not ready")]
+    NotReady,
+    /// The library failed.
+    #[error(transparent)]
+    Library(#[from] LibraryError),
+}
+
+impl HttpError {
+    fn status(&self) -> StatusCode {
+        match self {
+            Self::BadRequest(_) => StatusCode::BAD_REQUEST,
+            Self::NotFound(_) => StatusCode::NOT_FOUND,
+            Self::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
+            Self::Slow => StatusCode::REQUEST_TIMEOUT,
+            Self::TooLarge(_) => StatusCode::PAYLOAD_TOO_LARGE,
+            Self::OutsideObject { .. } => StatusCode::RANGE_NOT_SATISFIABLE,
+            Self::NotReady => StatusCode::SERVICE_UNAVAILABLE,
+            Self::Library(error) => match error {
+                LibraryError::Name(_) => StatusCode::BAD_REQUEST,
+                LibraryError::NoScene { .. } | LibraryError::NoObject { .. } => {
+                    StatusCode::NOT_FOUND
+                }
+                LibraryError::Damaged { .. } => StatusCode::INTERNAL_SERVER_ERROR,
+                LibraryError::Store { .. } | LibraryError::Location { .. } => {
+                    StatusCode::SERVICE_UNAVAILABLE
+                }
+            },
+        }
+    }
+
+    /// What the client reads; the server's folders and the store's words stay in the log.
+    fn message(&self) -> String {
+        match self {
+            Self::Library(LibraryError::Name(error)) => error.to_string(),
+            Self::Library(LibraryError::NoScene { name, .. }) => format!("no scene {name}"),
+            Self::Library(LibraryError::NoObject { path, .. }) => format!("no object at {path}"),
+            Self::Library(LibraryError::Damaged { path, .. }) => {
+                format!("the library is damaged at {path}")
+            }
+            Self::Library(_) => "the store does not answer".to_owned(),
+            other => other.to_string(),
+        }
+    }
+}
+
+impl IntoResponse for HttpError {
+    fn into_response(self) -> Response {
+        let status = self.status();
+        if status.is_server_error() {
+            tracing::error!("{status}: {self}");
+        }
+        let mut headers = HeaderMap::new();
+        headers.insert(CONTENT_TYPE, TEXT);
+        match &self {
+            Self::OutsideObject { bytes } => {
+                headers.insert(CONTENT_RANGE, header(&format!("bytes */{bytes}")));
+            }
+            Self::WrongMethod => {
+                headers.insert(ALLOW, HeaderValue::from_static("GET, HEAD, POST, OPTIONS"));
+            }
+            _ if status == StatusCode::SERVICE_UNAVAILABLE => {
+                headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));
+            }
+            _ => {}
+        }
+        (status, headers, self.message() + "\n").into_response()
+    }
+}
+
+/// A header value from text of our own making.
+pub(super) fn header(text: &str) -> HeaderValue {
+    HeaderValue::from_str(text).unwrap_or_else(|_| HeaderValue::from_static(""))
+}
+
+/// Any other path.
+pub(super) async fn no_route() -> HttpError {
+    HttpError::NotFound("no such route".to_owned())
+}
+
+/// A known path with another method.
+pub(super) async fn wrong_method() -> HttpError {
+    HttpError::WrongMethod
+}

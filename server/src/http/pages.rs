@@ -1,0 +1,84 @@
+//! `GET /v1/assets/{hash}/pages/{first}-{last}`: the frames of a page range, end to end, as one read of the pack.
+//!
+//! A plain 200 on a URL that never changes its meaning: browsers and CDNs cache it, as they do not cache 206.
+
+use axum::body::Body;
+use axum::extract::{Path, State};
+use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, ETAG};
+use axum::http::{HeaderMap, HeaderValue, Method};
+use axum::response::{IntoResponse, Response};
+
+use super::AppState;
+use super::body::range_body;
+use super::error::HttpError;
+use super::etag::{self, IMMUTABLE};
+use super::objects::{bad_range, parse_hash};
+
+/// `GET` and `HEAD /v1/assets/{hash}/pages/{first}-{last}`
+pub(super) async fn pages(
+    State(state): State<AppState>,
+    Path((hash, range)): Path<(String, String)>,
+    method: Method,
+    request: HeaderMap,
+) -> Result<Response, HttpError> {
+    let hash = parse_hash(&hash)?;
+    let (first, last) = parse_pages(&range)?;
+    let library = &state.0.library;
+    let asset = state.0.tables.asset(library, &hash).await?;
+    let (Some(begin), Some(end)) = (
+        asset.pages.get(first as usize),
+        asset.pages.get(last as usize),
+    ) else {
+        let pages = asset.pages.len();
+        return Err(HttpError::NotFound(format!(
+            "the asset has pages 0..={}",
+            pages.saturating_sub(1)
+        )));
+    };
+    let tag = etag::tag(format_args!("{hash}.{first}-{last}"));
+    if etag::is_held(&request, &tag) {
+        return Ok(etag::not_modified(tag, IMMUTABLE));
+    }
+    let bytes = begin.offset..end.offset + end.bytes as u64;
+    let mut headers = HeaderMap::new();
+    let octets = HeaderValue::from_static("application/octet-stream");
+    headers.insert(CONTENT_TYPE, octets);
+    headers.insert(ETAG, tag);
+    headers.insert(CONTENT_LENGTH, HeaderValue::from(bytes.end - bytes.start));
+    let body = match method == Method::HEAD {
+        true => Body::empty(),
+        false => range_body(library, &asset.pack, bytes).await?,
+    };
+    if method != Method::HEAD {
+        state.0.metrics.pages_sent((last - first + 1) as u64);
+    }
+    Ok(([IMMUTABLE], headers, body).into_response())
+}
+
+/// One spelling only, so that a cache holds each range once: digits without leading zeros.
+fn parse_pages(text: &str) -> Result<(u32, u32), HttpError> {
+    let number = |text: &str| {
+        let value = text.parse::<u32>().ok()?;
+        (value.to_string() == text).then_some(value)
+    };
+    text.split_once('-')
+        .and_then(|(first, last)| Some((number(first)?, number(last)?)))
+        .filter(|(first, last)| first <= last)
+        .ok_or_else(|| bad_range(text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_range_has_one_spelling() {
+        assert_eq!(parse_pages("0-0").ok(), Some((0, 0)));
+        assert_eq!(parse_pages("3-17").ok(), Some((3, 17)));
+        for bad in [
+            "", "-", "1", "1-", "-1", "2-1", "01-2", "+1-2", "1-2-3", "a-b", "1 -2", "0-4294967296",
+        ] {
+            assert!(parse_pages(bad).is_err(), "{bad}");
+        }
+    }
+}
