@@ -1,1 +1,6 @@
-//! Placeholder.
+//! Virtual viewers on the CPU twins: eviction policies, traces and server load without a GPU; sample scenes; pictures
+//! compared; one report of it all.
+
+pub mod compare;
+pub mod report;
+pub mod samples;

@@ -1,3 +1,6 @@
 //! Server side of Lodestream: glTF to cluster hierarchies, pages, a library of scenes, and HTTP over it.
 
+pub mod build;
+pub mod http;
 pub mod import;
+pub mod library;

@@ -11,6 +11,7 @@
 //! its twin agrees: exactly for integers, within a bound for shading. This crate does not know wgpu.
 
 pub mod arrays;
+pub mod cpu;
 pub mod passes;
 pub mod types;
 

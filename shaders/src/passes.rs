@@ -219,7 +219,7 @@ pub const ALL: [Pass; 13] = [
     PRESENT,
 ];
 
-const SHARED: [(&str, &str); 8] = [
+const SHARED: &[(&str, &str)] = &[
     ("types", include_str!("../wgsl/shared/types.wgsl")),
     ("view", include_str!("../wgsl/shared/view.wgsl")),
     (
@@ -239,6 +239,18 @@ const SHARED: [(&str, &str); 8] = [
     (
         "sample_texture",
         include_str!("../wgsl/shared/sample_texture.wgsl"),
+    ),
+    ("material", include_str!("../wgsl/shared/material.wgsl")),
+    ("srgb", include_str!("../wgsl/shared/srgb.wgsl")),
+    (
+        "barycentric",
+        include_str!("../wgsl/shared/barycentric.wgsl"),
+    ),
+    ("surface", include_str!("../wgsl/shared/surface.wgsl")),
+    ("light", include_str!("../wgsl/shared/light.wgsl")),
+    (
+        "false_color",
+        include_str!("../wgsl/shared/false_color.wgsl"),
     ),
 ];
 

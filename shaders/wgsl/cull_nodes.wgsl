@@ -78,10 +78,12 @@ fn cull_nodes(
     if child.reference == NO_CHILD {
         return;
     }
-    if !is_reference(view) && !aabb_in_frustum(instance, view, child.aabb_min, child.aabb_max, NODE_SLACK) {
+    let is_group = (child.reference & LEAF_FLAG) != 0u;
+    let slack = select(NODE_SLACK, GROUP_SLACK, is_group);
+    if !is_reference(view) && !aabb_in_frustum(instance, view, child.aabb_min, child.aabb_max, slack) {
         return;
     }
-    if (child.reference & LEAF_FLAG) != 0u {
+    if is_group {
         let group = groups[asset.group_base + (child.reference & ~LEAF_FLAG)];
         visit_group(group, asset, item.instance, instance);
         return;

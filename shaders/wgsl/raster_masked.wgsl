@@ -38,11 +38,11 @@ fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_ind
     }
     fragment.material = material_of(asset, corner.cluster, corner.triangle);
     if (materials[fragment.material].flags & MATERIAL_MASK) != 0u {
-        if (asset.attributes & ATTRIBUTE_UV) != 0u {
+        if cluster_has_uvs(corner.cluster) {
             let uv = cluster_uv(corner.cluster, corner.vertex, asset.uv_step);
             fragment.uv = transform_uv(materials[fragment.material], vec3<f32>(uv, 1.0));
         }
-        if (asset.attributes & ATTRIBUTE_COLOR) != 0u {
+        if cluster_has_colors(corner.cluster) {
             fragment.alpha = cluster_color(corner.cluster, corner.vertex).a;
         }
     }

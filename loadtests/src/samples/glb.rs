@@ -24,7 +24,10 @@ pub enum SampleError {
         source: std::io::Error,
     },
     /// The binary container counts its bytes in 32 bits.
-    #[error("the scene takes {bytes} bytes, a .glb at most {}; ask for fewer triangles or instances", u32::MAX)]
+    #[error(
+        "the scene takes {bytes} bytes, a .glb at most {}; ask for fewer triangles or instances",
+        u32::MAX
+    )]
     TooLarge {
         /// The bytes that the scene would take.
         bytes: usize,
@@ -197,17 +200,32 @@ impl Chunk {
     }
 
     fn primitive(&mut self, model: &Model, material: usize, surface: &Surface) -> Value {
-        let floats = |values: &[f32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
+        let floats =
+            |values: &[f32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
         let count = surface.positions.len();
-        let position = self.accessor(&floats(surface.positions.as_flattened()), ARRAY_BUFFER, 5126, "VEC3", count);
+        let position = self.accessor(
+            &floats(surface.positions.as_flattened()),
+            ARRAY_BUFFER,
+            5126,
+            "VEC3",
+            count,
+        );
         let (low, high) = surface.bounds();
         self.accessors[position]["min"] = json!(low);
         self.accessors[position]["max"] = json!(high);
-        let normal = self.accessor(&floats(surface.normals.as_flattened()), ARRAY_BUFFER, 5126, "VEC3", count);
+        let normal = self.accessor(
+            &floats(surface.normals.as_flattened()),
+            ARRAY_BUFFER,
+            5126,
+            "VEC3",
+            count,
+        );
         let mut attributes = json!({"POSITION": position, "NORMAL": normal});
         if model.has_uv {
             let bytes = floats(surface.uvs.as_flattened());
-            attributes["TEXCOORD_0"] = self.accessor(&bytes, ARRAY_BUFFER, 5126, "VEC2", count).into();
+            attributes["TEXCOORD_0"] = self
+                .accessor(&bytes, ARRAY_BUFFER, 5126, "VEC2", count)
+                .into();
         }
         if model.has_colour {
             let bytes = surface.colours.as_flattened();
@@ -217,15 +235,42 @@ impl Chunk {
         }
         // Index 65535 is kept free: it would restart a primitive.
         let (bytes, kind): (Vec<u8>, u32) = if count < 65536 {
-            (surface.indices.iter().flat_map(|&i| (i as u16).to_le_bytes()).collect(), 5123)
+            (
+                surface
+                    .indices
+                    .iter()
+                    .flat_map(|&i| (i as u16).to_le_bytes())
+                    .collect(),
+                5123,
+            )
         } else {
-            (surface.indices.iter().flat_map(|i| i.to_le_bytes()).collect(), 5125)
+            (
+                surface
+                    .indices
+                    .iter()
+                    .flat_map(|i| i.to_le_bytes())
+                    .collect(),
+                5125,
+            )
         };
-        let indices = self.accessor(&bytes, ELEMENT_ARRAY_BUFFER, kind, "SCALAR", surface.indices.len());
+        let indices = self.accessor(
+            &bytes,
+            ELEMENT_ARRAY_BUFFER,
+            kind,
+            "SCALAR",
+            surface.indices.len(),
+        );
         json!({"attributes": attributes, "indices": indices, "material": material})
     }
 
-    fn accessor(&mut self, bytes: &[u8], target: u32, component: u32, kind: &str, count: usize) -> usize {
+    fn accessor(
+        &mut self,
+        bytes: &[u8],
+        target: u32,
+        component: u32,
+        kind: &str,
+        count: usize,
+    ) -> usize {
         let view = self.view(bytes, Some(target));
         self.accessors.push(
             json!({"bufferView": view, "componentType": component, "type": kind, "count": count}),
@@ -234,7 +279,8 @@ impl Chunk {
     }
 
     fn view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
-        let mut view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
+        let mut view =
+            json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
         if let Some(target) = target {
             view["target"] = json!(target);
         }

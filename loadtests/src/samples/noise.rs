@@ -8,10 +8,17 @@ use super::number::lerp;
 pub(super) fn noise(at: DVec3, seed: u32) -> f64 {
     let cell = at.floor();
     let inside = at - cell;
-    let fade = inside * inside * inside
+    let fade = inside
+        * inside
+        * inside
         * (inside * (inside * 6.0 - DVec3::splat(15.0)) + DVec3::splat(10.0));
     let corner = |x: i64, y: i64, z: i64| {
-        let hash = hash(cell.x as i64 + x, cell.y as i64 + y, cell.z as i64 + z, seed);
+        let hash = hash(
+            cell.x as i64 + x,
+            cell.y as i64 + y,
+            cell.z as i64 + z,
+            seed,
+        );
         let away = inside - DVec3::new(x as f64, y as f64, z as f64);
         gradient(hash, away)
     };

@@ -12,9 +12,7 @@ pub(super) struct Random(u64);
 impl Random {
     /// A stream of its own for `seed` and `stream`, so that a change in one mesh leaves the others as they are.
     pub(super) fn new(seed: u64, stream: u64) -> Self {
-        Self(mix(
-            seed ^ mix(stream.wrapping_add(0x9e37_79b9_7f4a_7c15)),
-        ))
+        Self(mix(seed ^ mix(stream.wrapping_add(0x9e37_79b9_7f4a_7c15))))
     }
 
     fn next(&mut self) -> u64 {
@@ -55,8 +53,7 @@ pub(super) fn turn(turns: f64) -> (f64, f64) {
             - x2 / 6.0
                 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0 * (1.0 - x2 / 72.0 * (1.0 - x2 / 110.0)))));
     let cosine = 1.0
-        - x2 / 2.0
-            * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0 * (1.0 - x2 / 90.0))));
+        - x2 / 2.0 * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0 * (1.0 - x2 / 90.0))));
     match quarter.rem_euclid(4.0) as u8 {
         0 => (cosine, sine),
         1 => (-sine, cosine),
@@ -105,7 +102,11 @@ mod tests {
     fn streams_of_one_seed_differ_and_repeat() {
         let draw = |seed, stream| {
             let mut random = Random::new(seed, stream);
-            [random.unit(), random.between(-2.0, 3.0), random.below(1000) as f64]
+            [
+                random.unit(),
+                random.between(-2.0, 3.0),
+                random.below(1000) as f64,
+            ]
         };
         assert_eq!(draw(1, 2), draw(1, 2));
         assert_ne!(draw(1, 2), draw(1, 3));

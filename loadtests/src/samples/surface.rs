@@ -15,22 +15,34 @@ pub(super) struct Model {
 
 impl Model {
     pub(super) fn new(name: impl Into<String>, has_uv: bool, has_colour: bool) -> Self {
-        Self { name: name.into(), has_uv, has_colour, parts: Vec::new() }
+        Self {
+            name: name.into(),
+            has_uv,
+            has_colour,
+            parts: Vec::new(),
+        }
     }
 
     /// The surface of a material, its pen set to `colour`.
     pub(super) fn part(&mut self, material: usize, colour: [f64; 3]) -> &mut Surface {
-        let index = self.parts.iter().position(|(m, _)| *m == material).unwrap_or_else(|| {
-            self.parts.push((material, Surface::default()));
-            self.parts.len() - 1
-        });
+        let index = self
+            .parts
+            .iter()
+            .position(|(m, _)| *m == material)
+            .unwrap_or_else(|| {
+                self.parts.push((material, Surface::default()));
+                self.parts.len() - 1
+            });
         let surface = &mut self.parts[index].1;
         surface.pen = rgb(colour);
         surface
     }
 
     pub(super) fn triangles(&self) -> u64 {
-        self.parts.iter().map(|(_, surface)| surface.indices.len() as u64 / 3).sum()
+        self.parts
+            .iter()
+            .map(|(_, surface)| surface.indices.len() as u64 / 3)
+            .sum()
     }
 }
 
@@ -46,7 +58,12 @@ pub(super) struct Frame {
 impl Frame {
     /// At `origin`, upright, looking out along a horizontal direction.
     pub(super) fn upright(origin: DVec3, out: DVec3) -> Self {
-        Self { origin, right: DVec3::Y.cross(out), up: DVec3::Y, out }
+        Self {
+            origin,
+            right: DVec3::Y.cross(out),
+            up: DVec3::Y,
+            out,
+        }
     }
 
     pub(super) fn world() -> Self {
@@ -61,10 +78,21 @@ impl Frame {
     pub(super) fn around(half: [f64; 2], y: f64) -> [(Self, f64); 4] {
         let face = |out: DVec3, across: f64, away: f64| {
             let frame = Self::upright(DVec3::new(0.0, y, 0.0) + out * away, out);
-            (Self { origin: frame.at(-across, 0.0, 0.0), ..frame }, across * 2.0)
+            (
+                Self {
+                    origin: frame.at(-across, 0.0, 0.0),
+                    ..frame
+                },
+                across * 2.0,
+            )
         };
         let [x, z] = half;
-        [face(DVec3::Z, x, z), face(DVec3::X, z, x), face(DVec3::NEG_Z, x, z), face(DVec3::NEG_X, z, x)]
+        [
+            face(DVec3::Z, x, z),
+            face(DVec3::X, z, x),
+            face(DVec3::NEG_Z, x, z),
+            face(DVec3::NEG_X, z, x),
+        ]
     }
 }
 
@@ -105,9 +133,12 @@ impl Surface {
             let right = DVec3::Y.cross(facing).normalize_or(DVec3::X);
             (at.dot(right), -at.y)
         };
-        self.positions.push([grid(at.x) as f32, grid(at.y) as f32, grid(at.z) as f32]);
-        self.normals.push(normal.normalize_or(DVec3::Y).as_vec3().to_array());
-        self.uvs.push([(u / self.tile_metres) as f32, (v / self.tile_metres) as f32]);
+        self.positions
+            .push([grid(at.x) as f32, grid(at.y) as f32, grid(at.z) as f32]);
+        self.normals
+            .push(normal.normalize_or(DVec3::Y).as_vec3().to_array());
+        self.uvs
+            .push([(u / self.tile_metres) as f32, (v / self.tile_metres) as f32]);
         self.colours.push(self.pen);
         self.positions.len() as u32 - 1
     }
@@ -164,7 +195,10 @@ impl Surface {
                 frame.at(local[0], local[1], local[2])
             };
             let outward = [frame.right, frame.up, frame.out][axis] * (end as f64 * 2.0 - 1.0);
-            self.facing(&mut [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)], outward);
+            self.facing(
+                &mut [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)],
+                outward,
+            );
         }
     }
 
@@ -190,7 +224,12 @@ impl Surface {
             };
             for x in signs {
                 let corner = |y, z| point(build(x, y, z), axis);
-                let mut face = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+                let mut face = [
+                    corner(-1.0, -1.0),
+                    corner(1.0, -1.0),
+                    corner(1.0, 1.0),
+                    corner(-1.0, 1.0),
+                ];
                 self.facing(&mut face, direction(build(x, 0.0, 0.0)));
                 // The edges along `second` that this face shares with the two faces of `third`.
                 for z in signs {
@@ -213,8 +252,14 @@ impl Surface {
     /// A smooth sheet through a grid of points. Seen from outside, columns run to the right and rows upward;
     /// `wrap` joins the last column to the first.
     pub(super) fn sheet(&mut self, rows: &[Vec<DVec3>], wrap: bool) {
-        let Some(columns) = rows.first().map(Vec::len) else { return };
-        let spans = if wrap { columns } else { columns.saturating_sub(1) };
+        let Some(columns) = rows.first().map(Vec::len) else {
+            return;
+        };
+        let spans = if wrap {
+            columns
+        } else {
+            columns.saturating_sub(1)
+        };
         let mut normals = vec![vec![DVec3::ZERO; columns]; rows.len()];
         for row in 1..rows.len() {
             for column in 0..spans {
@@ -222,7 +267,12 @@ impl Surface {
                 let (a, b) = (rows[row - 1][column], rows[row - 1][next]);
                 let (c, d) = (rows[row][next], rows[row][column]);
                 let normal = (c - a).cross(d - b);
-                for (r, k) in [(row - 1, column), (row - 1, next), (row, next), (row, column)] {
+                for (r, k) in [
+                    (row - 1, column),
+                    (row - 1, next),
+                    (row, next),
+                    (row, column),
+                ] {
                     normals[r][k] += normal;
                 }
             }
@@ -275,9 +325,16 @@ impl Surface {
         let mut side = DVec3::ZERO;
         let rows: Vec<Vec<DVec3>> = (0..path.len())
             .map(|i| {
-                let (before, after) = (path[i.saturating_sub(1)].0, path[(i + 1).min(path.len() - 1)].0);
+                let (before, after) = (
+                    path[i.saturating_sub(1)].0,
+                    path[(i + 1).min(path.len() - 1)].0,
+                );
                 let along = (after - before).normalize_or(DVec3::Y);
-                let old = if side == DVec3::ZERO { along.any_orthonormal_vector() } else { side };
+                let old = if side == DVec3::ZERO {
+                    along.any_orthonormal_vector()
+                } else {
+                    side
+                };
                 side = (old - along * old.dot(along)).normalize_or(along.any_orthonormal_vector());
                 let other = along.cross(side);
                 (0..segments)
@@ -293,8 +350,13 @@ impl Surface {
 
     /// Lowest and highest coordinates, as written.
     pub(super) fn bounds(&self) -> ([f32; 3], [f32; 3]) {
-        self.positions.iter().fold(([f32::MAX; 3], [f32::MIN; 3]), |(low, high), p| {
-            (std::array::from_fn(|a| low[a].min(p[a])), std::array::from_fn(|a| high[a].max(p[a])))
-        })
+        self.positions
+            .iter()
+            .fold(([f32::MAX; 3], [f32::MIN; 3]), |(low, high), p| {
+                (
+                    std::array::from_fn(|a| low[a].min(p[a])),
+                    std::array::from_fn(|a| high[a].max(p[a])),
+                )
+            })
     }
 }

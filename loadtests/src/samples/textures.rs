@@ -18,7 +18,8 @@ pub(super) fn bricks() -> Vec<u8> {
         let brick = along.floor();
         let edge = |t: f64, width: f64| smoothstep(0.0, width, t.min(1.0 - t));
         let inside = edge(along - brick, 0.05).min(edge(v * 8.0 - course, 0.12));
-        let tint = tints[course as usize * 4 + brick as usize % 4] * (1.0 + 0.14 * grain(u, v, 48.0, 3));
+        let tint =
+            tints[course as usize * 4 + brick as usize % 4] * (1.0 + 0.14 * grain(u, v, 48.0, 3));
         let clay = [0.66 * tint, 0.36 * tint, 0.27 * tint];
         let mortar = 0.68 + 0.10 * grain(u, v, 64.0, 4);
         std::array::from_fn(|channel| lerp(mortar, clay[channel], inside))
@@ -132,7 +133,11 @@ fn adler32(bytes: &[u8]) -> u32 {
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0u32, |crc, &byte| {
         (0..8).fold(crc ^ u32::from(byte), |c, _| {
-            if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 }
+            if c & 1 == 1 {
+                c >> 1 ^ 0xedb8_8320
+            } else {
+                c >> 1
+            }
         })
     })
 }

@@ -24,18 +24,15 @@ pub(super) fn is_held(request: &HeaderMap, tag: &HeaderValue) -> bool {
 }
 
 /// 304 with the headers that a 200 would carry for caches.
-pub(super) fn not_modified(tag: HeaderValue, cache_control: (&'static str, &'static str)) -> Response {
-    (
-        StatusCode::NOT_MODIFIED,
-        [cache_control],
-        [(ETAG, tag)],
-    )
-        .into_response()
+pub(super) fn not_modified(
+    tag: HeaderValue,
+    cache_control: (&'static str, &'static str),
+) -> Response {
+    (StatusCode::NOT_MODIFIED, [cache_control], [(ETAG, tag)]).into_response()
 }
 
 /// What never changes under its URL.
-pub(super) const IMMUTABLE: (&str, &str) =
-    ("cache-control", "public, max-age=31536000, immutable");
+pub(super) const IMMUTABLE: (&str, &str) = ("cache-control", "public, max-age=31536000, immutable");
 /// What has to be asked for again each time.
 pub(super) const REVALIDATE: (&str, &str) = ("cache-control", "no-cache");
 

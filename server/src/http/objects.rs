@@ -7,7 +7,7 @@ use axum::http::header::{
 };
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
-use lodestream_format::{ContentHash, FormatError};
+use lodestream_format::ContentHash;
 
 use super::AppState;
 use super::body::{is_small, range_body};
@@ -142,13 +142,4 @@ mod tests {
         }
         assert_eq!(parse_range("bytes=-5", 0), Wanted::Nothing);
     }
-}
-
-/// What the error would be for a page name that is not `{first}-{last}`.
-pub(super) fn bad_range(found: &str) -> HttpError {
-    HttpError::BadRequest(FormatError::new(
-        "page range",
-        "FIRST-LAST, first at most last",
-        format!("{found:?}"),
-    ))
 }

@@ -7,12 +7,13 @@ use axum::extract::{Path, State};
 use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, ETAG};
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::{IntoResponse, Response};
+use lodestream_format::FormatError;
 
 use super::AppState;
 use super::body::range_body;
 use super::error::HttpError;
 use super::etag::{self, IMMUTABLE};
-use super::objects::{bad_range, parse_hash};
+use super::objects::parse_hash;
 
 /// `GET` and `HEAD /v1/assets/{hash}/pages/{first}-{last}`
 pub(super) async fn pages(
@@ -64,7 +65,14 @@ fn parse_pages(text: &str) -> Result<(u32, u32), HttpError> {
     text.split_once('-')
         .and_then(|(first, last)| Some((number(first)?, number(last)?)))
         .filter(|(first, last)| first <= last)
-        .ok_or_else(|| bad_range(text))
+        .ok_or_else(|| {
+            let expected = "FIRST-LAST, first at most last, no leading zeros";
+            HttpError::BadRequest(FormatError::new(
+                "page range",
+                expected,
+                format!("{text:?}"),
+            ))
+        })
 }
 
 #[cfg(test)]
@@ -76,7 +84,18 @@ mod tests {
         assert_eq!(parse_pages("0-0").ok(), Some((0, 0)));
         assert_eq!(parse_pages("3-17").ok(), Some((3, 17)));
         for bad in [
-            "", "-", "1", "1-", "-1", "2-1", "01-2", "+1-2", "1-2-3", "a-b", "1 -2", "0-4294967296",
+            "",
+            "-",
+            "1",
+            "1-",
+            "-1",
+            "2-1",
+            "01-2",
+            "+1-2",
+            "1-2-3",
+            "a-b",
+            "1 -2",
+            "0-4294967296",
         ] {
             assert!(parse_pages(bad).is_err(), "{bad}");
         }

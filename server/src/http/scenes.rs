@@ -41,7 +41,11 @@ pub(super) async fn list(
         let error = FormatError::new("query limit", format!("1..={MAX_LIMIT}"), limit);
         return Err(HttpError::BadRequest(error));
     }
-    let page = state.0.library.scenes(query.after.as_deref(), limit).await?;
+    let page = state
+        .0
+        .library
+        .scenes(query.after.as_deref(), limit)
+        .await?;
     Ok(([REVALIDATE], Json(page)).into_response())
 }
 

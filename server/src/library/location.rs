@@ -26,7 +26,8 @@ impl Library {
             found,
         };
         if let Some((scheme, _)) = location.split_once("://") {
-            let expected = "a folder or memory:// (this build has no S3 or other network store yet)";
+            let expected =
+                "a folder or memory:// (this build has no S3 or other network store yet)";
             return Err(wrong(expected, format!("a {scheme}:// URL")));
         }
         let folder = Path::new(location);

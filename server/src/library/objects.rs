@@ -155,7 +155,7 @@ impl Library {
         &self,
         hash: &ContentHash,
         range: Range<u64>,
-    ) -> impl Stream<Item = Result<Bytes, LibraryError>> + Send + 'static {
+    ) -> impl Stream<Item = Result<Bytes, LibraryError>> + Send + use<> {
         self.pieces(&object_path(hash), range)
     }
 
@@ -163,7 +163,7 @@ impl Library {
         &self,
         path: &Path,
         range: Range<u64>,
-    ) -> impl Stream<Item = Result<Bytes, LibraryError>> + Send + 'static {
+    ) -> impl Stream<Item = Result<Bytes, LibraryError>> + Send + use<> {
         let (library, path) = (self.clone(), path.clone());
         futures_util::stream::try_unfold(range.start, move |at| {
             let (library, path) = (library.clone(), path.clone());

@@ -38,7 +38,12 @@ impl Library {
     /// A scene object.
     pub async fn scene(&self, hash: &ContentHash) -> Result<Scene, LibraryError> {
         let bytes = self.object(hash).await?;
-        Scene::decode(&bytes).map_err(|error| self.damaged(object_path(hash), error))
+        self.decode_scene(hash, &bytes)
+    }
+
+    /// A scene object whose bytes are at hand.
+    pub fn decode_scene(&self, hash: &ContentHash, bytes: &[u8]) -> Result<Scene, LibraryError> {
+        Scene::decode(bytes).map_err(|error| self.damaged(object_path(hash), error))
     }
 
     /// An asset object.

@@ -42,7 +42,7 @@ fn error_wanted(view: View, error_metres: f32, projected_px: f32) -> bool {
 // Bits of a streaming request's priority: they order as the priorities do and are never zero.
 fn priority_bits(error_metres: f32, projected_px: f32) -> u32 {
     let px = select(
-        clamp(projected_px, SMALLEST_PRIORITY_PX, LARGEST_PRIORITY_PX),
+        min(max(projected_px, SMALLEST_PRIORITY_PX), LARGEST_PRIORITY_PX),
         ROOT_PRIORITY_PX,
         error_metres >= ROOT_ERROR,
     );

@@ -68,3 +68,8 @@ fn level_color(level: u32) -> u32 {
     let rgb = colors[level % 12u];
     return opaque(rgb.x, rgb.y, rgb.z);
 }
+
+// Pixels that nothing covers.
+const EMPTY_COLOR: u32 = 0xff1c1818u;
+// Drawn by the hardware rasterizer.
+const HARDWARE_COLOR: u32 = 0xff3c8ce6u;

@@ -4,10 +4,6 @@
 #import view
 #import cluster
 
-// A visbuffer id is `visible index << TRIANGLE_BITS | triangle`; 0 depth bits mean nothing was drawn.
-const TRIANGLE_BITS: u32 = 7u;
-const TRIANGLE_MASK: u32 = 127u;
-
 struct Corner {
     clip: vec4<f32>,
     id: u32,
@@ -31,7 +27,7 @@ fn fetch_corner(visible_index: u32, vertex_index: u32) -> Corner {
     corner.triangle = vertex_index / 3u;
     corner.id = (visible_index << TRIANGLE_BITS) | corner.triangle;
     corner.clip = vec4<f32>(0.0, 0.0, 0.0, 1.0);
-    if corner.triangle < corner.cluster.triangle_count {
+    if corner.triangle < cluster_triangle_count(corner.cluster) {
         let instance = instances[item.instance];
         let triangle = cluster_triangle(corner.cluster, corner.triangle);
         corner.vertex = triangle[vertex_index % 3u];

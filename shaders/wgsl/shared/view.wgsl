@@ -9,9 +9,10 @@ const VIEW_FLAG_REFERENCE: u32 = 1u;
 const WORKGROUP_THREADS: u32 = 64u;
 const MAX_WORKGROUPS_X: u32 = 65535u;
 
-// Rounding that the frustum test allows for, as a share of the box's largest coordinate. Boxes around other boxes allow
-// for four times as much, so that a box never fails where one inside it passes.
+// Rounding that the frustum test allows for, as a share of the box's largest coordinate. A box around other boxes allows
+// for twice as much, so that it never fails where one inside it passes.
 const CLUSTER_SLACK: f32 = 9.5367431640625e-7;
+const GROUP_SLACK: f32 = 1.9073486328125e-6;
 const NODE_SLACK: f32 = 3.814697265625e-6;
 
 // Number of the calling thread in a 1D pass.

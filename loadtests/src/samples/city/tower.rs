@@ -40,12 +40,36 @@ pub(super) fn tower(rank: usize, seed: u64) -> Model {
     let (style, crown, (wall, wall_colour), tiers): (_, _, _, &[Tier]) = match rank % 6 {
         0 => (Style::Masonry, Crown::WaterTank, brick, &[(6, 5, 5)]),
         1 => (Style::Balconies, Crown::Plant, sand, &[(6, 5, 7)]),
-        2 => (Style::Masonry, Crown::WaterTank, (BRICK, [0.80, 0.74, 0.72]), &[(6, 6, 8), (4, 4, 4)]),
-        3 => (Style::Curtain, Crown::Plant, limestone, &[(6, 6, 3), (5, 5, 15)]),
-        4 => (Style::Masonry, Crown::Spire, limestone, &[(6, 6, 7), (5, 5, 7), (3, 3, 7)]),
-        _ => (Style::Curtain, Crown::Spire, limestone, &[(6, 6, 10), (5, 5, 9), (4, 4, 8)]),
+        2 => (
+            Style::Masonry,
+            Crown::WaterTank,
+            (BRICK, [0.80, 0.74, 0.72]),
+            &[(6, 6, 8), (4, 4, 4)],
+        ),
+        3 => (
+            Style::Curtain,
+            Crown::Plant,
+            limestone,
+            &[(6, 6, 3), (5, 5, 15)],
+        ),
+        4 => (
+            Style::Masonry,
+            Crown::Spire,
+            limestone,
+            &[(6, 6, 6), (4, 4, 9), (3, 3, 6)],
+        ),
+        _ => (
+            Style::Curtain,
+            Crown::Spire,
+            limestone,
+            &[(6, 6, 9), (5, 5, 8), (3, 3, 10)],
+        ),
     };
-    let fade = if rank < 6 { 1.0 } else { random.between(0.75, 1.1) };
+    let fade = if rank < 6 {
+        1.0
+    } else {
+        random.between(0.75, 1.1)
+    };
     let finish = Finish {
         wall,
         wall_colour: wall_colour.map(|c| c * fade),
@@ -57,20 +81,52 @@ pub(super) fn tower(rank: usize, seed: u64) -> Model {
     model.part(STONE, [1.0; 3]).tile_metres = 4.0;
     let mut foot = 0.0;
     for (index, &tier) in tiers.iter().enumerate() {
-        foot = raise(&mut model, style, &finish, tier, foot, index == 0, &mut random);
+        foot = raise(
+            &mut model,
+            style,
+            &finish,
+            tier,
+            foot,
+            index == 0,
+            &mut random,
+        );
     }
-    let half = tiers.last().map_or([6.0; 2], |t| [t.0 as f64 * BAY / 2.0, t.1 as f64 * BAY / 2.0]);
+    let half = tiers.last().map_or([6.0; 2], |t| {
+        [t.0 as f64 * BAY / 2.0, t.1 as f64 * BAY / 2.0]
+    });
     top(&mut model, crown, half, foot, &mut random);
     model
 }
 
 /// Builds a tier from `foot` up; returns the height of its roof.
-fn raise(model: &mut Model, style: Style, finish: &Finish, tier: Tier, foot: f64, is_ground: bool, random: &mut Random) -> f64 {
+fn raise(
+    model: &mut Model,
+    style: Style,
+    finish: &Finish,
+    tier: Tier,
+    foot: f64,
+    is_ground: bool,
+    random: &mut Random,
+) -> f64 {
     let half = [tier.0 as f64 * BAY / 2.0, tier.1 as f64 * BAY / 2.0];
     let ground = if is_ground { GROUND } else { 0.0 };
     if is_ground {
         shopfronts(model, finish, half, tier, random);
-        moulding(model, STONE, finish.trim_colour, half, GROUND - 0.35, &[(0.0, -0.05), (0.14, 0.06), (0.14, 0.22), (0.26, 0.32), (0.26, 0.42), (0.0, 0.50)]);
+        moulding(
+            model,
+            STONE,
+            finish.trim_colour,
+            half,
+            GROUND - 0.35,
+            &[
+                (0.0, -0.05),
+                (0.14, 0.06),
+                (0.14, 0.22),
+                (0.26, 0.32),
+                (0.26, 0.42),
+                (0.0, 0.50),
+            ],
+        );
     }
     for (side, (face, length)) in Frame::around(half, foot).into_iter().enumerate() {
         let bays = (length / BAY).round() as usize;
@@ -78,7 +134,12 @@ fn raise(model: &mut Model, style: Style, finish: &Finish, tier: Tier, foot: f64
             let bottom = ground + storey as f64 * STOREY;
             for bay in 0..bays {
                 let left = bay as f64 * BAY;
-                let cell = Rectangle { left, bottom, right: left + BAY, top: bottom + STOREY };
+                let cell = Rectangle {
+                    left,
+                    bottom,
+                    right: left + BAY,
+                    top: bottom + STOREY,
+                };
                 if style == Style::Curtain {
                     curtain(model, &face, cell, [0.30, 0.31, 0.32], random);
                     continue;
@@ -94,7 +155,14 @@ fn raise(model: &mut Model, style: Style, finish: &Finish, tier: Tier, foot: f64
                 };
                 window(model, finish, &face, cell, opening, random);
                 if opens {
-                    balcony(model, finish, &face, left - 0.3, left + BAY + 0.3, bottom + 0.02);
+                    balcony(
+                        model,
+                        finish,
+                        &face,
+                        left - 0.3,
+                        left + BAY + 0.3,
+                        bottom + 0.02,
+                    );
                 }
             }
         }
@@ -105,7 +173,14 @@ fn raise(model: &mut Model, style: Style, finish: &Finish, tier: Tier, foot: f64
         // A string course every fourth storey.
         for storey in (4..tier.2).step_by(4) {
             let y = foot + ground + storey as f64 * STOREY;
-            moulding(model, STONE, finish.trim_colour, half, y - 0.14, &[(0.0, 0.0), (0.10, 0.05), (0.10, 0.22), (0.0, 0.28)]);
+            moulding(
+                model,
+                STONE,
+                finish.trim_colour,
+                half,
+                y - 0.14,
+                &[(0.0, 0.0), (0.10, 0.05), (0.10, 0.22), (0.0, 0.28)],
+            );
         }
     }
     cornice(model, finish, half, roof);
@@ -114,12 +189,30 @@ fn raise(model: &mut Model, style: Style, finish: &Finish, tier: Tier, foot: f64
 
 /// The top of a tier: cornice, parapet and the flat roof behind it.
 fn cornice(model: &mut Model, finish: &Finish, half: [f64; 2], roof: f64) {
-    let profile = [(0.0, -0.25), (0.12, -0.12), (0.16, 0.0), (0.42, 0.12), (0.46, 0.30), (0.40, 0.36), (0.06, 0.46), (0.06, 1.02), (0.12, 1.06), (0.12, 1.16), (-0.28, 1.16), (-0.28, 0.25)];
+    let profile = [
+        (0.0, -0.25),
+        (0.12, -0.12),
+        (0.16, 0.0),
+        (0.42, 0.12),
+        (0.46, 0.30),
+        (0.40, 0.36),
+        (0.06, 0.46),
+        (0.06, 1.02),
+        (0.12, 1.06),
+        (0.12, 1.16),
+        (-0.28, 1.16),
+        (-0.28, 0.25),
+    ];
     moulding(model, STONE, finish.trim_colour, half, roof, &profile);
     let [x, z] = half.map(|h| h - 0.28);
     let y = roof + 0.25;
     let corner = |sx: f64, sz: f64| DVec3::new(sx * x, y, sz * z);
-    model.part(STONE, [0.20, 0.20, 0.20]).flat(&[corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)]);
+    model.part(STONE, [0.20, 0.20, 0.20]).flat(&[
+        corner(-1.0, 1.0),
+        corner(1.0, 1.0),
+        corner(1.0, -1.0),
+        corner(-1.0, -1.0),
+    ]);
 }
 
 /// Small blocks in a row under the cornice.
@@ -129,48 +222,104 @@ fn dentils(model: &mut Model, finish: &Finish, half: [f64; 2], y: f64) {
         let count = (length / 0.58).floor() as usize;
         for index in 0..count {
             let middle = length * (index as f64 + 0.5) / count as f64;
-            surface.cuboid(&face, [middle - 0.13, 0.0, -0.01], [middle + 0.13, 0.26, 0.20], 16);
+            surface.cuboid(
+                &face,
+                [middle - 0.13, 0.0, -0.01],
+                [middle + 0.13, 0.26, 0.20],
+                16,
+            );
         }
     }
 }
 
 /// Wide shop windows between pilasters, with doors in the middle and awnings.
 fn shopfronts(model: &mut Model, finish: &Finish, half: [f64; 2], tier: Tier, random: &mut Random) {
-    let stone = Finish { wall: STONE, wall_colour: finish.trim_colour.map(|c| c * 0.82), ..*finish };
+    let stone = Finish {
+        wall: STONE,
+        wall_colour: finish.trim_colour.map(|c| c * 0.82),
+        ..*finish
+    };
     for (side, (face, _)) in Frame::around(half, 0.0).into_iter().enumerate() {
         let bays = if side % 2 == 0 { tier.0 } else { tier.1 };
         for bay in 0..bays {
             let left = bay as f64 * BAY;
-            let cell = Rectangle { left, bottom: 0.0, right: left + BAY, top: GROUND };
-            let opening = |margin: f64, bottom: f64, top: f64| Rectangle { left: left + margin, bottom, right: left + BAY - margin, top };
+            let cell = Rectangle {
+                left,
+                bottom: 0.0,
+                right: left + BAY,
+                top: GROUND,
+            };
+            let opening = |margin: f64, bottom: f64, top: f64| Rectangle {
+                left: left + margin,
+                bottom,
+                right: left + BAY - margin,
+                top,
+            };
             if bay == bays / 2 {
-                door(model, &stone, &face, cell, opening(0.75, 0.0, 2.9), [0.07, 0.10, 0.09]);
+                door(
+                    model,
+                    &stone,
+                    &face,
+                    cell,
+                    opening(0.75, 0.0, 2.9),
+                    [0.07, 0.10, 0.09],
+                );
             } else {
-                window(model, &stone, &face, cell, opening(0.40, 0.75, 3.35), random);
+                window(
+                    model,
+                    &stone,
+                    &face,
+                    cell,
+                    opening(0.40, 0.75, 3.35),
+                    random,
+                );
                 if random.below(2) == 0 {
                     awning(model, &face, left + 0.2, left + BAY - 0.2, random);
                 }
             }
             let pilaster = model.part(STONE, finish.trim_colour);
-            pilaster.bevelled(&face, [left - 0.16, 0.0, -0.05], [left + 0.16, 0.55, 0.16], 0.03);
-            pilaster.bevelled(&face, [left - 0.12, 0.5, -0.05], [left + 0.12, 3.75, 0.11], 0.025);
-            pilaster.bevelled(&face, [left - 0.16, 3.7, -0.05], [left + 0.16, 4.15, 0.16], 0.03);
+            pilaster.bevelled(
+                &face,
+                [left - 0.16, 0.0, -0.05],
+                [left + 0.16, 0.55, 0.16],
+                0.03,
+            );
+            pilaster.bevelled(
+                &face,
+                [left - 0.12, 0.5, -0.05],
+                [left + 0.12, 4.15, 0.11],
+                0.025,
+            );
         }
     }
 }
 
 /// A striped cloth over a shop window, with its hem.
 fn awning(model: &mut Model, face: &Frame, left: f64, right: f64, random: &mut Random) {
-    let colour = [[0.42, 0.06, 0.05], [0.06, 0.22, 0.12], [0.07, 0.13, 0.30], [0.55, 0.40, 0.10]][random.below(4)];
+    let colour = [
+        [0.42, 0.06, 0.05],
+        [0.06, 0.22, 0.12],
+        [0.07, 0.13, 0.30],
+        [0.55, 0.40, 0.10],
+    ][random.below(4)];
     let stripes = 8;
     for stripe in 0..stripes {
         let at = |index: usize| left + (right - left) * index as f64 / f64::from(stripes);
-        let tone = if stripe % 2 == 0 { colour } else { [0.70, 0.68, 0.62] };
+        let tone = if stripe % 2 == 0 {
+            colour
+        } else {
+            [0.70, 0.68, 0.62]
+        };
         let cloth = model.part(STONE, tone);
         let (a, b) = (at(stripe as usize), at(stripe as usize + 1));
         let points = [(3.55, 0.12), (3.30, 0.60), (2.95, 1.05), (2.70, 1.05)];
         for pair in points.windows(2) {
-            let mut cloth_quad = [face.at(a, pair[1].0, pair[1].1), face.at(b, pair[1].0, pair[1].1), face.at(b, pair[0].0, pair[0].1), face.at(a, pair[0].0, pair[0].1)];
+            let mut cloth_quad = [
+                face.at(a, pair[1].0, pair[1].1),
+                face.at(b, pair[1].0, pair[1].1),
+                face.at(b, pair[0].0, pair[0].1),
+                face.at(a, pair[0].0, pair[0].1),
+            ];
             cloth.flat(&cloth_quad);
             cloth_quad.reverse();
             cloth.flat(&cloth_quad.map(|p| p - face.up * 0.02 - face.out * 0.02));
@@ -180,31 +329,82 @@ fn awning(model: &mut Model, face: &Frame, left: f64, right: f64, random: &mut R
 
 /// What stands on the roof at `y`.
 fn top(model: &mut Model, crown: Crown, half: [f64; 2], y: f64, random: &mut Random) {
-    let frame = Frame { origin: DVec3::new(0.0, y, 0.0), ..Frame::world() };
+    let frame = Frame {
+        origin: DVec3::new(0.0, y, 0.0),
+        ..Frame::world()
+    };
     for unit in 0..4 {
         let (x, z) = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)][unit];
-        let (x, z) = (x * half[0] * random.between(0.45, 0.6), z * half[1] * random.between(0.45, 0.6));
+        let (x, z) = (
+            x * half[0] * random.between(0.45, 0.6),
+            z * half[1] * random.between(0.45, 0.6),
+        );
         let metal = model.part(METAL, [0.42, 0.43, 0.44]);
-        metal.bevelled(&frame, [x - 0.8, 0.0, z - 0.6], [x + 0.8, random.between(0.9, 1.5), z + 0.6], 0.06);
-        let fan = Frame { origin: DVec3::new(x, y + 0.85, z), ..frame };
-        model.part(METAL, [0.16; 3]).lathe(&fan, &[(0.45, 0.0), (0.45, 0.85), (0.38, 0.9), (0.0, 0.8)], 20);
+        metal.bevelled(
+            &frame,
+            [x - 0.8, 0.0, z - 0.6],
+            [x + 0.8, random.between(0.9, 1.5), z + 0.6],
+            0.06,
+        );
+        let fan = Frame {
+            origin: DVec3::new(x, y + 0.85, z),
+            ..frame
+        };
+        model.part(METAL, [0.16; 3]).lathe(
+            &fan,
+            &[(0.45, 0.0), (0.45, 0.85), (0.38, 0.9), (0.0, 0.8)],
+            20,
+        );
     }
     match crown {
         Crown::WaterTank => {
             let legs = model.part(METAL, [0.10; 3]);
             for leg in 0..4 {
                 let (x, z) = turn(0.125 + f64::from(leg) * 0.25);
-                legs.tube(&[(DVec3::new(x * 1.7, y, z * 1.7), 0.09), (DVec3::new(x * 1.35, y + 3.2, z * 1.35), 0.09)], 8);
+                legs.tube(
+                    &[
+                        (DVec3::new(x * 1.7, y, z * 1.7), 0.09),
+                        (DVec3::new(x * 1.35, y + 3.2, z * 1.35), 0.09),
+                    ],
+                    8,
+                );
             }
             let tank = model.part(METAL, [0.24, 0.15, 0.09]);
-            tank.lathe(&frame, &[(0.0, 3.1), (1.65, 3.1), (1.72, 3.3), (1.72, 5.9), (1.9, 5.9), (1.9, 6.05), (0.9, 6.7), (0.0, 7.1)], 40);
+            tank.lathe(
+                &frame,
+                &[
+                    (0.0, 3.1),
+                    (1.65, 3.1),
+                    (1.72, 3.3),
+                    (1.72, 5.9),
+                    (1.9, 5.9),
+                    (1.9, 6.05),
+                    (0.9, 6.7),
+                    (0.0, 7.1),
+                ],
+                40,
+            );
             for hoop in 0..6 {
                 let up = 3.45 + 0.42 * f64::from(hoop);
-                tank.lathe(&frame, &[(1.72, up), (1.77, up + 0.02), (1.77, up + 0.08), (1.72, up + 0.10)], 40);
+                tank.lathe(
+                    &frame,
+                    &[
+                        (1.72, up),
+                        (1.77, up + 0.02),
+                        (1.77, up + 0.08),
+                        (1.72, up + 0.10),
+                    ],
+                    40,
+                );
             }
         }
         Crown::Plant => {
-            model.part(STONE, [0.36, 0.36, 0.35]).bevelled(&frame, [-2.6, 0.0, -2.2], [2.6, 3.2, 2.2], 0.08);
+            model.part(STONE, [0.36, 0.36, 0.35]).bevelled(
+                &frame,
+                [-2.6, 0.0, -2.2],
+                [2.6, 3.2, 2.2],
+                0.08,
+            );
             let grille = model.part(METAL, [0.20; 3]);
             for slat in 0..14 {
                 let up = 0.7 + 0.16 * f64::from(slat);
@@ -212,11 +412,39 @@ fn top(model: &mut Model, crown: Crown, half: [f64; 2], y: f64, random: &mut Ran
             }
         }
         Crown::Spire => {
-            model.part(STONE, [0.52, 0.49, 0.44]).bevelled(&frame, [-2.7, 0.0, -2.7], [2.7, 2.6, 2.7], 0.25);
-            model.part(STONE, [0.52, 0.49, 0.44]).bevelled(&frame, [-1.9, 2.4, -1.9], [1.9, 5.0, 1.9], 0.25);
+            model.part(STONE, [0.52, 0.49, 0.44]).bevelled(
+                &frame,
+                [-2.7, 0.0, -2.7],
+                [2.7, 2.6, 2.7],
+                0.25,
+            );
+            model.part(STONE, [0.52, 0.49, 0.44]).bevelled(
+                &frame,
+                [-1.9, 2.4, -1.9],
+                [1.9, 5.0, 1.9],
+                0.25,
+            );
             let copper = model.part(METAL, [0.16, 0.36, 0.29]);
-            copper.lathe(&frame, &[(1.75, 4.9), (1.85, 5.1), (1.5, 5.9), (0.95, 7.4), (0.55, 9.6), (0.28, 12.5), (0.12, 15.5), (0.05, 19.0), (0.0, 19.1)], 28);
-            model.part(GLASS, [0.5, 0.1, 0.06]).lathe(&frame, &[(0.0, 19.0), (0.16, 19.15), (0.16, 19.35), (0.0, 19.5)], 12);
+            copper.lathe(
+                &frame,
+                &[
+                    (1.75, 4.9),
+                    (1.85, 5.1),
+                    (1.5, 5.9),
+                    (0.95, 7.4),
+                    (0.55, 9.6),
+                    (0.28, 12.5),
+                    (0.12, 15.5),
+                    (0.05, 19.0),
+                    (0.0, 19.1),
+                ],
+                28,
+            );
+            model.part(GLASS, [0.5, 0.1, 0.06]).lathe(
+                &frame,
+                &[(0.0, 19.0), (0.16, 19.15), (0.16, 19.35), (0.0, 19.5)],
+                12,
+            );
         }
     }
 }

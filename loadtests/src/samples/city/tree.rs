@@ -27,7 +27,10 @@ fn trunk(model: &mut Model, random: &mut Random, height: f64, radius: f64) -> Ve
         .map(|step| {
             let t = f64::from(step) / 10.0;
             let flare = 1.0 + 0.9 * (1.0 - smoothstep(0.0, 0.14, t));
-            (lean * t * t + DVec3::Y * (height * t - 0.1), radius * flare * (1.0 - 0.75 * t) + 0.02)
+            (
+                lean * t * t + DVec3::Y * (height * t - 0.1),
+                radius * flare * (1.0 - 0.75 * t) + 0.02,
+            )
         })
         .collect();
     model.part(BARK, [0.13, 0.095, 0.07]).tube(&path, 12);
@@ -37,7 +40,12 @@ fn trunk(model: &mut Model, random: &mut Random, height: f64, radius: f64) -> Ve
 /// A branch that rises outward from `from` and ends at `to`.
 fn branch(model: &mut Model, from: DVec3, to: DVec3, radius: f64) {
     let middle = from.lerp(to, 0.5) + DVec3::Y * 0.12 * from.distance(to);
-    let path = [(from, radius), (from.lerp(middle, 0.6), radius * 0.8), (middle, radius * 0.6), (to, 0.015)];
+    let path = [
+        (from, radius),
+        (from.lerp(middle, 0.6), radius * 0.8),
+        (middle, radius * 0.6),
+        (to, 0.015),
+    ];
     model.part(BARK, [0.13, 0.095, 0.07]).tube(&path, 7);
 }
 
@@ -51,7 +59,9 @@ fn mass(surface: &mut Surface, middle: DVec3, size: DVec3, seed: u32, tint: [f64
                 .map(|column| {
                     let (x, z) = turn(f64::from(column) / f64::from(columns));
                     let direction = DVec3::new(ring * x, -down, -ring * z);
-                    let bump = 1.0 + 0.34 * fractal(direction * 2.1 + middle, seed, 3) + 0.22 * fractal(direction * 6.5 + middle, seed + 1, 2);
+                    let bump = 1.0
+                        + 0.34 * fractal(direction * 2.1 + middle, seed, 3)
+                        + 0.22 * fractal(direction * 6.5 + middle, seed + 1, 2);
                     middle + direction * size * bump
                 })
                 .collect()
@@ -79,9 +89,21 @@ fn broad(model: &mut Model, random: &mut Random, seed: u32) {
         branch(model, fork, middle, 0.11);
         let width = random.between(1.3, 1.75);
         let tone = random.between(0.85, 1.15);
-        mass(model.part(LEAVES, tint), middle, DVec3::new(width, width * 0.85, width), seed * 10 + lobe, tint.map(|c| c * tone));
+        mass(
+            model.part(LEAVES, tint),
+            middle,
+            DVec3::new(width, width * 0.85, width),
+            seed * 10 + lobe,
+            tint.map(|c| c * tone),
+        );
     }
-    mass(model.part(LEAVES, tint), DVec3::new(0.1, 6.7, 0.0), DVec3::new(1.9, 1.6, 1.9), seed * 10 + 9, tint.map(|c| c * 1.1));
+    mass(
+        model.part(LEAVES, tint),
+        DVec3::new(0.1, 6.7, 0.0),
+        DVec3::new(1.9, 1.6, 1.9),
+        seed * 10 + 9,
+        tint.map(|c| c * 1.1),
+    );
 }
 
 fn poplar(model: &mut Model, random: &mut Random, seed: u32) {
@@ -93,14 +115,25 @@ fn poplar(model: &mut Model, random: &mut Random, seed: u32) {
         let width = 0.75 + 0.75 * (t * (1.0 - t)) * 2.4;
         let middle = DVec3::new(x * 0.25, 2.3 + 6.6 * t, z * 0.25);
         let tone = random.between(0.9, 1.15);
-        mass(model.part(LEAVES, tint), middle, DVec3::new(width, width * 1.25, width), seed * 10 + lobe, tint.map(|c| c * tone));
+        mass(
+            model.part(LEAVES, tint),
+            middle,
+            DVec3::new(width, width * 1.25, width),
+            seed * 10 + lobe,
+            tint.map(|c| c * tone),
+        );
     }
 }
 
 /// A leaf of two triangles, folded along its rib, that shades like the crown it belongs to.
 fn leaf(surface: &mut Surface, stem: DVec3, along: DVec3, side: DVec3, crown_normal: DVec3) {
     let fold = along.cross(side) * 0.22;
-    let points = [stem, stem + along * 0.5 + side * 0.36 + fold, stem + along, stem + along * 0.5 - side * 0.36 + fold];
+    let points = [
+        stem,
+        stem + along * 0.5 + side * 0.36 + fold,
+        stem + along,
+        stem + along * 0.5 - side * 0.36 + fold,
+    ];
     let corners = points.map(|point| surface.vertex(point, crown_normal, crown_normal));
     surface.triangle(corners[0], corners[1], corners[2]);
     surface.triangle(corners[0], corners[2], corners[3]);
@@ -131,37 +164,57 @@ fn leafy(model: &mut Model, random: &mut Random) {
         let depth = 1.0 - 0.55 * random.unit() * random.unit();
         let ripple = 1.0 + 0.22 * fractal(out * 2.4, 17, 2);
         let stem = middle + out * size * depth * ripple;
-        let along = (direction(random) + DVec3::NEG_Y * 0.5 + out * 0.6).normalize_or(DVec3::X) * random.between(0.30, 0.48);
+        let along = (direction(random) + DVec3::NEG_Y * 0.5 + out * 0.6).normalize_or(DVec3::X)
+            * random.between(0.30, 0.48);
         let side = along.cross(direction(random)).normalize_or(DVec3::Z) * along.length();
         let lit = (0.45 + 0.65 * depth * depth) * random.between(0.7, 1.25) * (0.8 + 0.25 * out.y);
         surface.pen = rgb([0.125 * lit, 0.215 * lit, 0.04 * lit]);
-        leaf(surface, stem, along, side, (out + DVec3::Y * 0.25).normalize_or(DVec3::Y));
+        leaf(
+            surface,
+            stem,
+            along,
+            side,
+            (out + DVec3::Y * 0.25).normalize_or(DVec3::Y),
+        );
     }
 }
 
 /// Drooping whorls of needled twigs.
 fn fir(model: &mut Model, random: &mut Random) {
     trunk(model, random, 8.2, 0.2);
-    for whorl in 0..18 {
-        let t = f64::from(whorl) / 17.0;
-        let (height, reach) = (0.9 + 7.2 * t, 2.1 * (1.0 - t) + 0.18);
-        let twigs = 11 - whorl / 3;
+    for whorl in 0..20 {
+        let t = f64::from(whorl) / 19.0;
+        let (height, reach) = (1.0 + 7.3 * t, 2.0 * (1.0 - t) + 0.22);
+        let twigs = 12 - whorl / 3;
         for twig in 0..twigs {
-            let (x, z) = turn((f64::from(twig) + 0.4 * f64::from(whorl) + random.between(-0.15, 0.15)) / f64::from(twigs));
+            let (x, z) = turn(
+                (f64::from(twig) + 0.4 * f64::from(whorl) + random.between(-0.15, 0.15))
+                    / f64::from(twigs),
+            );
             let outward = DVec3::new(x, 0.0, z);
             let length = reach * random.between(0.85, 1.1);
-            let tip = DVec3::new(0.0, height - 0.28 * length, 0.0) + outward * length;
+            let tip = DVec3::new(0.0, height - 0.42 * length, 0.0) + outward * length;
             let base = DVec3::new(0.0, height, 0.0);
             let surface = model.part(LEAVES, [0.0; 3]);
-            for needle in 0..14 {
-                let s = (f64::from(needle) + 0.5) / 14.0;
+            for needle in 0..12 {
+                let s = (f64::from(needle) + 0.5) / 12.0;
                 let stem = base.lerp(tip, 0.12 + 0.85 * s) + DVec3::Y * 0.05;
                 let hand = if needle % 2 == 0 { 1.0 } else { -1.0 };
                 let across = DVec3::Y.cross(outward) * hand;
-                let along = (outward * 0.7 + across * (1.0 - 0.6 * s) + DVec3::Y * random.between(-0.25, 0.15)).normalize_or(outward) * (0.34 * (1.05 - 0.45 * s) + 0.1) * (0.55 + 0.5 * reach / 2.1);
+                let along = (outward * 0.7
+                    + across * (1.0 - 0.6 * s)
+                    + DVec3::Y * random.between(-0.25, 0.15))
+                .normalize_or(outward)
+                    * (0.60 * (1.05 - 0.45 * s) + 0.14) * (0.50 + 0.5 * reach / 2.1);
                 let lit = random.between(0.75, 1.2) * (0.6 + 0.5 * s);
-                surface.pen = rgb([0.045 * lit, 0.105 * lit, 0.045 * lit]);
-                leaf(surface, stem, along, DVec3::Y.cross(along) * 0.75, (outward * 0.7 + DVec3::Y * 0.7).normalize_or(DVec3::Y));
+                surface.pen = rgb([0.05 * lit, 0.115 * lit, 0.045 * lit]);
+                leaf(
+                    surface,
+                    stem,
+                    along,
+                    DVec3::Y.cross(along) * 0.95,
+                    (outward * 0.7 + DVec3::Y * 0.7).normalize_or(DVec3::Y),
+                );
             }
         }
     }

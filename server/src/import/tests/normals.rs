@@ -3,7 +3,7 @@
 use glam::Vec3;
 use serde_json::json;
 
-use super::{File, QUAD};
+use super::File;
 
 /// Corners of the unit cube and its twelve triangles, counter-clockwise from outside.
 fn cube() -> (Vec<[f32; 3]>, Vec<u16>) {

@@ -82,7 +82,7 @@ fn no_cut_or_flipped_byte_panics() {
         {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}},
     ]);
     let whole = file.glb();
-    let read = |bytes: &[u8]| super::read(bytes, Path::new("."), "cut");
+    let read = |bytes: &[u8]| crate::import::read(bytes, Path::new("."), "cut");
     assert!(read(&whole).is_ok());
     for length in 0..whole.len() {
         assert!(read(&whole[..length]).is_err(), "cut to {length}");

@@ -1,0 +1,84 @@
+//! Visible clusters to the visbuffer by the hardware rasterizer; the pass that looks materials up runs only where one can
+//! hide a fragment.
+
+use std::mem::offset_of;
+
+use lodestream_shaders::SceneArrays;
+use lodestream_shaders::passes;
+use lodestream_shaders::types::{IndirectArgs, material_flag};
+
+use super::Parts;
+use crate::gpu::error::GpuError;
+use crate::gpu::pipelines::{Bound, NO_COLOR_FORMAT};
+use crate::gpu::recorder::Recorder;
+
+/// The draw of the visbuffer, and the fragment counts where the overdraw picture asks for them.
+#[derive(Debug)]
+pub struct Raster {
+    raster: Bound,
+    raster_overdraw: Option<Bound>,
+    unwritten: wgpu::TextureView,
+    args: wgpu::Buffer,
+}
+
+/// Whether any material can hide a fragment: by its alpha, or by being single-sided.
+pub fn hides_fragments(arrays: &SceneArrays) -> bool {
+    arrays.materials.iter().any(|material| {
+        material.flags & material_flag::MASK != 0
+            || material.flags & material_flag::DOUBLE_SIDED == 0
+    })
+}
+
+impl Raster {
+    /// Binds the passes.
+    pub fn new(
+        parts: &mut Parts<'_>,
+        arrays: &SceneArrays,
+        overdraw: bool,
+    ) -> Result<Self, GpuError> {
+        let pass = match hides_fragments(arrays) {
+            true => &passes::RASTER_MASKED,
+            false => &passes::RASTER,
+        };
+        let [width, height] = parts.buffers.size_px();
+        let largest = parts.gpu.limits.max_texture_dimension_2d;
+        if width > largest || height > largest {
+            return Err(GpuError::Limit {
+                adapter: parts.gpu.name.clone(),
+                expected: format!("a picture of {width}x{height} pixels"),
+                found: format!("at most {largest} pixels an axis"),
+            });
+        }
+        let texture = parts.gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("unwritten"),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: NO_COLOR_FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        });
+        Ok(Self {
+            raster: parts.bind(pass, &[])?,
+            raster_overdraw: match overdraw {
+                true => Some(parts.bind(&passes::RASTER_OVERDRAW, &[])?),
+                false => None,
+            },
+            unwritten: texture.create_view(&Default::default()),
+            args: parts.buffers.get("args").clone(),
+        })
+    }
+
+    /// Draws what `prepare_raster` counted.
+    pub fn record(&self, recorder: &mut Recorder<'_>) {
+        let offset = offset_of!(IndirectArgs, raster);
+        for pass in std::iter::once(&self.raster).chain(&self.raster_overdraw) {
+            recorder.draw_indirect(pass, &self.unwritten, &self.args, offset);
+        }
+    }
+}

@@ -1,0 +1,359 @@
+//! A scene on the GPU: its buffers, its pool, the page table, and frames over them.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use lodestream_shaders::SceneArrays;
+use lodestream_shaders::types::{ClusterItem, NOT_INSTALLED, ShadeMode, View};
+
+use super::buffers::{Buffers, Capacities};
+use super::device::Gpu;
+use super::error::GpuError;
+use super::frame::{Passes, Work, record};
+use super::passes::{PageUpload, Parts, Present, Transcode};
+use super::pipelines::Pipelines;
+use super::pool::Pool;
+use super::readback::{FrameResult, Readback};
+use super::recorder::Recorder;
+use super::timestamps::Timestamps;
+
+/// Everything of one scene that lives on the GPU.
+#[derive(Debug)]
+pub struct Renderer {
+    /// The device.
+    pub gpu: Gpu,
+    arrays: Arc<SceneArrays>,
+    pool: Pool,
+    pipelines: Pipelines,
+    buffers: Buffers,
+    passes: [Option<Passes>; 2],
+    present: Option<Present>,
+    readback: Readback,
+    timestamps: Option<Timestamps>,
+    transcode: Transcode,
+    page_table: Vec<u32>,
+    mode: ShadeMode,
+    frame: u64,
+    recorded: BTreeSet<&'static str>,
+}
+
+impl Renderer {
+    /// Uploads the scene's arrays and makes a pool of `pool_words` words; nothing is installed.
+    pub fn new(
+        gpu: &Gpu,
+        arrays: Arc<SceneArrays>,
+        pool_words: u64,
+        size_px: [u32; 2],
+    ) -> Result<Self, GpuError> {
+        let pool = Pool::new(gpu, pool_words)?;
+        let mut buffers = Buffers::new(gpu, &arrays, size_px)?;
+        Transcode::make_buffers(gpu, &mut buffers)?;
+        Ok(Self {
+            pipelines: Pipelines::new(gpu, pool.bindings),
+            readback: Readback::new(gpu, arrays.page_count),
+            timestamps: Timestamps::new(gpu),
+            page_table: arrays.empty_page_table(),
+            gpu: gpu.clone(),
+            arrays,
+            pool,
+            buffers,
+            passes: [None, None],
+            present: None,
+            transcode: Transcode::default(),
+            mode: ShadeMode::Shaded,
+            frame: 0,
+            recorded: BTreeSet::new(),
+        })
+    }
+
+    /// The scene's arrays.
+    pub fn arrays(&self) -> &Arc<SceneArrays> {
+        &self.arrays
+    }
+
+    /// The pool.
+    pub fn pool(&self) -> &Pool {
+        &self.pool
+    }
+
+    /// Words of the pool where each scene page begins, or `NOT_INSTALLED`: what culling reads.
+    pub fn page_table(&self) -> &[u32] {
+        &self.page_table
+    }
+
+    /// Names of all passes recorded so far.
+    pub fn passes_recorded(&self) -> Vec<&'static str> {
+        self.recorded.iter().copied().collect()
+    }
+
+    /// Names of all pipelines built so far.
+    pub fn pipelines_built(&self) -> Vec<&'static str> {
+        self.pipelines.names()
+    }
+
+    /// Items that the queues hold.
+    pub fn capacities(&self) -> Capacities {
+        self.buffers.capacities()
+    }
+
+    /// Width and height of the picture.
+    pub fn size_px(&self) -> [u32; 2] {
+        self.buffers.size_px()
+    }
+
+    /// What the picture shows.
+    pub fn set_mode(&mut self, mode: ShadeMode) -> Result<(), GpuError> {
+        let overdraw = mode == ShadeMode::Overdraw;
+        if overdraw {
+            self.buffers.count_fragments(&self.gpu)?;
+        }
+        if overdraw != (self.mode == ShadeMode::Overdraw) {
+            self.unbind();
+        }
+        self.mode = mode;
+        Ok(())
+    }
+
+    /// Another size of the picture.
+    pub fn resize(&mut self, size_px: [u32; 2]) -> Result<(), GpuError> {
+        if size_px != self.buffers.size_px() {
+            self.unbind();
+            self.buffers.set_size(&self.gpu, size_px)?;
+        }
+        Ok(())
+    }
+
+    /// Other queues; what a frame in flight wrote to the old ones is still read back.
+    pub fn set_capacities(&mut self, capacities: Capacities) -> Result<(), GpuError> {
+        if capacities != self.buffers.capacities() {
+            self.unbind();
+            self.buffers.set_capacities(&self.gpu, capacities)?;
+        }
+        Ok(())
+    }
+
+    /// Textures made elsewhere, under the names that the passes bind.
+    pub fn set_textures(&mut self, records: wgpu::Buffer, texels: wgpu::Buffer) {
+        self.unbind();
+        self.buffers.replace("texture_records", records);
+        self.buffers.replace("texels", texels);
+    }
+
+    fn unbind(&mut self) {
+        self.passes = [None, None];
+        self.present = None;
+    }
+
+    /// Takes pages out of the page table, transcodes `uploads`, then puts `installed` (page, first word) in, all before
+    /// the next frame's culling.
+    pub fn apply(
+        &mut self,
+        evicted: impl IntoIterator<Item = u32>,
+        uploads: &[PageUpload<'_>],
+        installed: impl IntoIterator<Item = (u32, u32)>,
+    ) -> Result<(), GpuError> {
+        let evicted: Vec<_> = evicted
+            .into_iter()
+            .map(|page| (page, NOT_INSTALLED))
+            .collect();
+        self.patch(&evicted);
+        let mut transcode = std::mem::take(&mut self.transcode);
+        let outcome = transcode.batches(uploads, |batch| {
+            let mut recorder = Recorder::new(&self.gpu.device, None);
+            let mut parts = Parts {
+                gpu: &self.gpu,
+                pipelines: &mut self.pipelines,
+                buffers: &self.buffers,
+                pool: &self.pool.buffers,
+            };
+            batch.record(&mut parts, &mut recorder)?;
+            self.recorded.extend(&recorder.passes);
+            self.gpu.queue.submit([recorder.encoder.finish()]);
+            Ok(())
+        });
+        self.transcode = transcode;
+        outcome?;
+        let installed: Vec<_> = installed.into_iter().collect();
+        self.patch(&installed);
+        Ok(())
+    }
+
+    /// Writes page table entries, runs of neighbours at once.
+    fn patch(&mut self, entries: &[(u32, u32)]) {
+        let mut pages: Vec<u32> = Vec::with_capacity(entries.len());
+        for &(page, word) in entries {
+            if let Some(entry) = self.page_table.get_mut(page as usize) {
+                *entry = word;
+                pages.push(page);
+            }
+        }
+        pages.sort_unstable();
+        pages.dedup();
+        for run in pages.chunk_by(|a, b| a + 1 == *b) {
+            let words = &self.page_table[run[0] as usize..run[0] as usize + run.len()];
+            self.gpu.queue.write_buffer(
+                self.buffers.get("page_table"),
+                run[0] as u64 * 4,
+                bytemuck::cast_slice(words),
+            );
+        }
+    }
+
+    /// Draws one frame of `view`, whose capacities and counts are filled in here; returns the frame's number.
+    pub fn draw(&mut self, view: &View, work: Work) -> Result<u64, GpuError> {
+        self.draw_onto(view, work, |_, _| {})
+    }
+
+    /// [`Renderer::draw`], with `after` recording what follows the frame's passes.
+    pub fn draw_onto(
+        &mut self,
+        view: &View,
+        work: Work,
+        after: impl FnOnce(&mut Recorder<'_>, &Buffers),
+    ) -> Result<u64, GpuError> {
+        self.bind(work)?;
+        self.write_view(view);
+        let mut recorder = Recorder::new(&self.gpu.device, self.timestamps.as_ref());
+        if let Some(passes) = &self.passes[work as usize] {
+            record(&mut recorder, passes, &self.buffers, work);
+        }
+        after(&mut recorder, &self.buffers);
+        let timestamps = self.timestamps.as_ref();
+        let copied = self.readback.record(&mut recorder, &self.buffers, timestamps);
+        self.recorded.extend(&recorder.passes);
+        self.gpu.queue.submit([recorder.encoder.finish()]);
+        self.frame += 1;
+        if let Some(copied) = copied {
+            self.readback.submitted(self.frame, copied);
+        }
+        Ok(self.frame)
+    }
+
+    /// Copies the last picture to a window's surface, with `overlay` drawing over its colours first.
+    pub fn present(
+        &mut self,
+        target: &wgpu::TextureView,
+        format: wgpu::TextureFormat,
+        overlay: impl FnOnce(&Gpu, &mut wgpu::CommandEncoder, &wgpu::Buffer),
+    ) -> Result<(), GpuError> {
+        if self.present.is_none() {
+            self.present = Some(Present::new(&mut self.parts(), format)?);
+        }
+        let mut recorder = Recorder::new(&self.gpu.device, None);
+        overlay(
+            &self.gpu,
+            &mut recorder.encoder,
+            self.buffers.get("color"),
+        );
+        if let Some(present) = &self.present {
+            present.record(&mut recorder, target);
+        }
+        self.recorded.extend(&recorder.passes);
+        self.gpu.queue.submit([recorder.encoder.finish()]);
+        Ok(())
+    }
+
+    /// Clears the visbuffer.
+    pub fn clear_visbuffer(&mut self) {
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        for name in ["visbuffer", "fragment_counts"] {
+            encoder.clear_buffer(self.buffers.get(name), 0, None);
+        }
+        self.gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// Rasterizes `items` into the visbuffer as it is: no culling, no level of detail.
+    pub fn raster_items(&mut self, view: &View, items: &[ClusterItem]) -> Result<(), GpuError> {
+        self.bind(Work::Picture)?;
+        self.write_view(view);
+        let args = [384, items.len() as u32, 0, 0];
+        let offset = std::mem::offset_of!(lodestream_shaders::types::IndirectArgs, raster);
+        let queue = &self.gpu.queue;
+        queue.write_buffer(
+            self.buffers.get("args"),
+            offset as u64,
+            bytemuck::cast_slice(&args),
+        );
+        queue.write_buffer(
+            self.buffers.get("visible"),
+            0,
+            bytemuck::cast_slice(items),
+        );
+        self.submit(|passes, recorder| passes.record_picture(recorder));
+        Ok(())
+    }
+
+    /// Shades the visbuffer as it is.
+    pub fn shade(&mut self, view: &View) -> Result<(), GpuError> {
+        self.bind(Work::Picture)?;
+        self.write_view(view);
+        self.submit(|passes, recorder| passes.record_shade(recorder));
+        Ok(())
+    }
+
+    fn submit(&mut self, record: impl FnOnce(&Passes, &mut Recorder<'_>)) {
+        let mut recorder = Recorder::new(&self.gpu.device, None);
+        if let Some(passes) = &self.passes[Work::Picture as usize] {
+            record(passes, &mut recorder);
+        }
+        self.recorded.extend(&recorder.passes);
+        self.gpu.queue.submit([recorder.encoder.finish()]);
+    }
+
+    /// Frames that came back, oldest first; `wait` waits for all.
+    pub fn collect(&mut self, wait: bool) -> Result<Vec<FrameResult>, GpuError> {
+        self.readback
+            .collect(&self.gpu, self.timestamps.as_ref(), wait)
+    }
+
+    /// Frames whose results are still on their way.
+    pub fn in_flight(&self) -> usize {
+        self.readback.in_flight()
+    }
+
+    /// The buffer that the passes bind as `name`.
+    pub fn buffer(&self, name: &str) -> &wgpu::Buffer {
+        self.buffers.get(name)
+    }
+
+    /// Overwrites the buffer that the passes bind as `name`, from its first byte on.
+    pub fn write_buffer(&self, name: &str, bytes: &[u8]) {
+        self.gpu.queue.write_buffer(self.buffers.get(name), 0, bytes);
+    }
+
+    fn write_view(&self, view: &View) {
+        let capacities = self.buffers.capacities();
+        let view = View {
+            size_px: self.buffers.size_px(),
+            instance_count: self.arrays.instances.len() as u32,
+            page_count: self.arrays.page_count,
+            shade_mode: self.mode as u32,
+            node_capacity: capacities.nodes,
+            cluster_capacity: capacities.clusters,
+            request_capacity: self.arrays.page_count,
+            ..*view
+        };
+        self.gpu
+            .queue
+            .write_buffer(self.buffers.get("view"), 0, bytemuck::bytes_of(&view));
+    }
+
+    fn parts(&mut self) -> Parts<'_> {
+        Parts {
+            gpu: &self.gpu,
+            pipelines: &mut self.pipelines,
+            buffers: &self.buffers,
+            pool: &self.pool.buffers,
+        }
+    }
+
+    fn bind(&mut self, work: Work) -> Result<(), GpuError> {
+        if self.passes[work as usize].is_none() {
+            let arrays = self.arrays.clone();
+            let overdraw = self.mode == ShadeMode::Overdraw;
+            let passes = Passes::new(&mut self.parts(), &arrays, work, overdraw)?;
+            self.passes[work as usize] = Some(passes);
+        }
+        Ok(())
+    }
+}

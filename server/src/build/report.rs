@@ -1,0 +1,131 @@
+//! What a build did, in the keys of `ingest --report`.
+
+use std::time::Duration;
+
+use super::dag::Dag;
+use super::encode::Encoded;
+use super::paginate::Pages;
+use super::quantize::QuantizedMesh;
+
+/// Figures of one asset. Serializes to the report keys of `ingest`.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
+pub struct BuildReport {
+    /// Triangles on the grid: those of the mesh less those that collapsed.
+    pub triangles: u64,
+    /// Triangles of all clusters.
+    pub dag_triangles: u64,
+    /// Clusters.
+    pub clusters: u64,
+    /// Groups.
+    pub groups: u64,
+    /// Groups whose replacement moved open edges of the source.
+    pub groups_with_moved_open_edges: u64,
+    /// Levels, the source included.
+    pub levels: u32,
+    /// Pages.
+    pub pages: u64,
+    /// Sizes.
+    pub bytes: BuildBytes,
+    /// Mean triangles of a cluster.
+    pub cluster_fill: f64,
+    /// One row a level, the source first.
+    pub levels_table: Vec<LevelRow>,
+    /// Wall-clock time.
+    pub seconds: BuildSeconds,
+    /// One line for each thing that was changed or left out.
+    pub warnings: Vec<String>,
+}
+
+/// Bytes of the parts of an asset.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+pub struct BuildBytes {
+    /// All pages in memory form.
+    pub memory_form: u64,
+    /// All pages in disk form, before compression.
+    pub disk_form: u64,
+    /// The pack.
+    pub stored: u64,
+    /// The hierarchy object.
+    pub hierarchy: u64,
+    /// Frames of the root pages.
+    pub root_pages: u64,
+}
+
+/// One level of the DAG.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct LevelRow {
+    /// 0 holds the source triangles.
+    pub level: u32,
+    /// Triangles.
+    pub triangles: u64,
+    /// Clusters.
+    pub clusters: u64,
+    /// Groups whose coarsest clusters are of this level.
+    pub groups: u64,
+    /// Largest stored error, metres.
+    pub error_max: f64,
+    /// Largest measured distance to the source, metres, where it was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measured_error_max: Option<f64>,
+}
+
+/// Wall-clock seconds of the stages.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct BuildSeconds {
+    /// Mesh to pages.
+    pub build: f64,
+    /// Pages to bytes.
+    pub encode: f64,
+}
+
+/// Sums up a build.
+pub(super) fn report(
+    mesh: &QuantizedMesh,
+    dag: &Dag,
+    pages: &Pages,
+    encoded: &Encoded,
+    build: Duration,
+    encode: Duration,
+) -> BuildReport {
+    let asset = &encoded.asset;
+    let mut levels_table: Vec<LevelRow> =
+        (0..asset.levels).map(|level| LevelRow { level, ..LevelRow::default() }).collect();
+    for cluster in &dag.clusters {
+        let row = &mut levels_table[cluster.level as usize];
+        row.triangles += cluster.triangles.len() as u64;
+        row.clusters += 1;
+        row.error_max = row.error_max.max(cluster.error_metres as f64);
+    }
+    for group in &dag.groups {
+        levels_table[group.level as usize].groups += 1;
+    }
+    let mut warnings = mesh.warnings.clone();
+    if dag.groups_with_moved_open_edges > 0 {
+        warnings.push(format!(
+            "{} of {} groups simplify only by moving open edges of the surface",
+            dag.groups_with_moved_open_edges,
+            dag.groups.len()
+        ));
+    }
+    let roots = &asset.pages[..asset.root_page_count as usize];
+    BuildReport {
+        triangles: asset.source_triangles,
+        dag_triangles: asset.dag_triangles,
+        clusters: asset.clusters,
+        groups: dag.groups.len() as u64,
+        groups_with_moved_open_edges: dag.groups_with_moved_open_edges as u64,
+        levels: asset.levels,
+        pages: pages.pages.len() as u64,
+        bytes: BuildBytes {
+            memory_form: asset.pages.iter().map(|page| 4 * page.memory_words as u64).sum(),
+            disk_form: encoded.disk_form_bytes,
+            stored: encoded.pack.len() as u64,
+            hierarchy: encoded.hierarchy_bytes.len() as u64,
+            root_pages: roots.iter().map(|page| page.bytes as u64).sum(),
+        },
+        cluster_fill: asset.dag_triangles as f64 / asset.clusters as f64,
+        levels_table,
+        seconds: BuildSeconds { build: build.as_secs_f64(), encode: encode.as_secs_f64() },
+        warnings,
+    }
+}

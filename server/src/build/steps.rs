@@ -1,0 +1,140 @@
+//! How fine the grids are.
+
+use lodestream_format::grid::Grid;
+use lodestream_format::limits::MAX_EXTENT_STEPS;
+
+use super::error::BuildError;
+use crate::import::Mesh;
+
+/// Step of the position grid.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum PositionStep {
+    /// From the mesh: about 64 steps to an edge.
+    #[default]
+    Auto,
+    /// Metres, rounded down to a power of two; coarser where the mesh would span more than 2^23 steps.
+    Metres(f64),
+}
+
+/// Steps that a mesh spans unless short edges ask for more.
+const USUAL_EXTENT_STEPS: f64 = (1 << 20) as f64;
+/// Two less than the format's limit: both ends round.
+const MOST_EXTENT_STEPS: f64 = (MAX_EXTENT_STEPS - 2) as f64;
+/// Steps of the texture grid that a mesh spans at most, so that offsets in a cluster fit 24 bits.
+pub(super) const MOST_UV_STEPS: i64 = (1 << 23) - 2;
+/// Usual step of the texture grid: half a texel of a 4096 texture.
+const UV_STEP_EXPONENT: i32 = -13;
+/// Edges looked at; more would not move the quantiles.
+const MOST_SAMPLES: usize = 300_000;
+
+/// Chooses the position grid, see [`PositionStep`].
+///
+/// Auto takes a 64th of the typical (geometric mean) edge or a 16th of the tenth-shortest-in-a-hundred one, the finer of
+/// the two, so that small detail beside large triangles keeps its shape; at most 2^20 steps over the whole mesh as long
+/// as short edges still span four steps, and never more than 2^23.
+pub(super) fn position_grid(
+    mesh: &Mesh,
+    step: PositionStep,
+    warnings: &mut Vec<String>,
+) -> Result<Grid, BuildError> {
+    let (extent, largest) = extent(mesh);
+    // Grid indices from the origin stay far below 2^63, and local coordinates below 2^23.
+    let coarsest_needed =
+        ceil_log2(extent / MOST_EXTENT_STEPS).max(ceil_log2(largest / 2f64.powi(50)));
+    if coarsest_needed > *Grid::EXPONENTS.end() {
+        return Err(BuildError::TooLarge {
+            mesh: mesh.name.clone(),
+            extent_metres: extent,
+        });
+    }
+    let wanted = match step {
+        PositionStep::Metres(metres) if metres > 0.0 && metres.is_finite() => floor_log2(metres),
+        PositionStep::Metres(found) => return Err(BuildError::InvalidStep { found }),
+        PositionStep::Auto => auto(mesh, extent, largest),
+    };
+    let exponent = wanted
+        .max(coarsest_needed)
+        .clamp(*Grid::EXPONENTS.start(), *Grid::EXPONENTS.end());
+    if exponent != wanted && step != PositionStep::Auto {
+        warnings.push(format!(
+            "mesh {:?}: position step 2^{wanted} metres became 2^{exponent} to span {extent} metres",
+            mesh.name
+        ));
+    }
+    Ok(Grid::new(exponent)?)
+}
+
+fn auto(mesh: &Mesh, extent: f64, largest: f64) -> i32 {
+    let stride = (3 * mesh.triangles.len()).div_ceil(MOST_SAMPLES);
+    let mut edges: Vec<f64> = Vec::new();
+    for triangle in mesh.triangles.iter().step_by(stride) {
+        let corners = triangle.map(|index| mesh.positions[index as usize].map(f64::from));
+        for side in 0..3 {
+            let (a, b) = (corners[side], corners[(side + 1) % 3]);
+            let squared: f64 = (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum();
+            if squared > 0.0 {
+                edges.push(squared.sqrt());
+            }
+        }
+    }
+    if edges.is_empty() {
+        // Nothing has a size; f32's own spacing at the place is as fine as anything can be.
+        return if largest > 0.0 { floor_log2(largest) - 23 } else { -20 };
+    }
+    edges.sort_unstable_by(f64::total_cmp);
+    let typical = (edges.iter().map(|edge| edge.ln()).sum::<f64>() / edges.len() as f64).exp();
+    let short = edges[edges.len() / 10];
+    let wanted = floor_log2((typical / 64.0).min(short / 16.0));
+    let usual = ceil_log2(extent / USUAL_EXTENT_STEPS);
+    wanted.max(usual.min(floor_log2(short / 4.0)))
+}
+
+/// Chooses the texture grid: 2^-13, coarser where the range needs it.
+pub(super) fn uv_grid(uvs: &[[f32; 2]]) -> Grid {
+    let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
+    for uv in uvs {
+        for axis in 0..2 {
+            low[axis] = low[axis].min(uv[axis] as f64);
+            high[axis] = high[axis].max(uv[axis] as f64);
+        }
+    }
+    let mut step_exponent = UV_STEP_EXPONENT;
+    for axis in 0..2 {
+        if low[axis] <= high[axis] {
+            let range = high[axis] - low[axis];
+            let largest = low[axis].abs().max(high[axis].abs());
+            step_exponent = step_exponent
+                .max(ceil_log2(range / MOST_UV_STEPS as f64))
+                .max(ceil_log2(largest / 2f64.powi(30)));
+        }
+    }
+    Grid {
+        step_exponent: step_exponent.min(*Grid::EXPONENTS.end()),
+    }
+}
+
+/// Longest side of the bounds and largest coordinate, metres.
+fn extent(mesh: &Mesh) -> (f64, f64) {
+    let (mut low, mut high) = ([f64::MAX; 3], [f64::MIN; 3]);
+    for position in &mesh.positions {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(position[axis] as f64);
+            high[axis] = high[axis].max(position[axis] as f64);
+        }
+    }
+    (0..3).fold((0.0, 0.0), |(extent, largest): (f64, f64), axis| {
+        (
+            extent.max(high[axis] - low[axis]),
+            largest.max(low[axis].abs()).max(high[axis].abs()),
+        )
+    })
+}
+
+fn floor_log2(value: f64) -> i32 {
+    value.log2().floor() as i32
+}
+
+/// The smallest exponent whose power of two is not below `value`; `i32::MIN` for 0.
+fn ceil_log2(value: f64) -> i32 {
+    value.log2().ceil() as i32
+}

@@ -1,0 +1,209 @@
+//! Nearest distance from points to triangles: a four-wide tree of boxes over triangles in Morton order.
+
+/// A point in the unit space of a [`super::local::LocalMesh`].
+pub(super) type Point = [f64; 3];
+
+const WIDTH: usize = 4;
+
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    min: [f32; 3],
+    max: [f32; 3],
+}
+
+/// Triangles for nearest-distance queries.
+#[derive(Debug)]
+pub(super) struct TriangleTree {
+    corners: Vec<[Point; 3]>,
+    /// Boxes of triangles, of fours of triangles, and so on; the last level has one box.
+    levels: Vec<Vec<Bounds>>,
+}
+
+impl TriangleTree {
+    /// Builds the tree; coordinates within half a unit of the origin sort best, others only slower.
+    pub fn new(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Self {
+        let at = |vertex: u32| positions[vertex as usize];
+        let mut order: Vec<(u32, u32)> = triangles
+            .iter()
+            .zip(0..)
+            .map(|(corners, index)| (morton(corners.map(at)), index))
+            .collect();
+        order.sort_unstable();
+        let sorted = || order.iter().map(|&(_, index)| triangles[index as usize].map(at));
+        let mut levels = vec![sorted().map(|corners| around(&corners)).collect::<Vec<_>>()];
+        while let Some(below) = levels.last().filter(|below| below.len() > 1) {
+            levels.push(below.chunks(WIDTH).map(merge).collect());
+        }
+        Self {
+            corners: sorted().map(|corners| corners.map(|corner| corner.map(f64::from))).collect(),
+            levels,
+        }
+    }
+
+    /// Squared distance from `point` to the nearest triangle; any value not above `enough` stands for every other one.
+    /// Infinite without triangles.
+    pub fn distance_squared(&self, point: Point, enough: f64) -> f64 {
+        let mut nearest = f64::INFINITY;
+        let top = self.levels.len() - 1;
+        if self.corners.is_empty() {
+            return nearest;
+        }
+        let mut stack = [(0u32, 0u32, 0.0f64); 64];
+        stack[0] = (top as u32, 0, 0.0);
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let (level, index, distance) = stack[depth];
+            if distance >= nearest {
+                continue;
+            }
+            if level == 0 {
+                nearest = nearest.min(to_triangle(point, &self.corners[index as usize]));
+                if nearest <= enough {
+                    return nearest;
+                }
+                continue;
+            }
+            let below = &self.levels[level as usize - 1];
+            let first = index as usize * WIDTH;
+            let from = depth;
+            for child in first..(first + WIDTH).min(below.len()) {
+                let distance = to_bounds(point, &below[child]);
+                if distance < nearest {
+                    // At most three more a level and 17 levels: 2^32 triangles.
+                    stack[depth] = (level - 1, child as u32, distance);
+                    depth += 1;
+                }
+            }
+            stack[from..depth].sort_unstable_by(|a, b| b.2.total_cmp(&a.2));
+        }
+        nearest
+    }
+}
+
+fn morton(corners: [[f32; 3]; 3]) -> u32 {
+    let spread = |value: u32| {
+        // Ten bits to every third (Morton order; e.g. Warren, "Hacker's Delight", 7).
+        let mut value = value & 0x3ff;
+        value = (value | value << 16) & 0x030000ff;
+        value = (value | value << 8) & 0x0300f00f;
+        value = (value | value << 4) & 0x030c30c3;
+        (value | value << 2) & 0x09249249
+    };
+    (0..3).fold(0, |code, axis| {
+        let middle = (corners[0][axis] + corners[1][axis] + corners[2][axis]) / 3.0;
+        code | spread(((middle + 0.5) * 1023.0).clamp(0.0, 1023.0) as u32) << axis
+    })
+}
+
+fn around(corners: &[[f32; 3]; 3]) -> Bounds {
+    let [a, b, c] = corners;
+    Bounds {
+        min: std::array::from_fn(|axis| a[axis].min(b[axis]).min(c[axis])),
+        max: std::array::from_fn(|axis| a[axis].max(b[axis]).max(c[axis])),
+    }
+}
+
+fn merge(all: &[Bounds]) -> Bounds {
+    all.iter().skip(1).fold(all[0], |sum, next| Bounds {
+        min: std::array::from_fn(|axis| sum.min[axis].min(next.min[axis])),
+        max: std::array::from_fn(|axis| sum.max[axis].max(next.max[axis])),
+    })
+}
+
+fn to_bounds(point: Point, bounds: &Bounds) -> f64 {
+    (0..3)
+        .map(|axis| {
+            let (low, high) = (bounds.min[axis] as f64, bounds.max[axis] as f64);
+            (low - point[axis]).max(point[axis] - high).max(0.0).powi(2)
+        })
+        .sum()
+}
+
+/// Squared distance from a point to a triangle; also right for triangles without area.
+pub(super) fn to_triangle(point: Point, [a, b, c]: &[Point; 3]) -> f64 {
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(&point, a));
+    let normal = cross(&ab, &ac);
+    let length = dot(&normal, &normal);
+    if length > 0.0 {
+        // Barycentric coordinates of the projection (Ericson, "Real-Time Collision Detection", 3.4), unscaled.
+        let v = dot(&cross(&ap, &ac), &normal);
+        let w = dot(&cross(&ab, &ap), &normal);
+        if v >= 0.0 && w >= 0.0 && v + w <= length {
+            return dot(&ap, &normal).powi(2) / length;
+        }
+    }
+    to_segment(&point, a, b)
+        .min(to_segment(&point, b, c))
+        .min(to_segment(&point, c, a))
+}
+
+fn to_segment(point: &Point, a: &Point, b: &Point) -> f64 {
+    let (ab, ap) = (sub(b, a), sub(point, a));
+    let length = dot(&ab, &ab);
+    let along = if length > 0.0 { (dot(&ap, &ab) / length).clamp(0.0, 1.0) } else { 0.0 };
+    (0..3).map(|axis| (ap[axis] - along * ab[axis]).powi(2)).sum()
+}
+
+fn sub(a: &Point, b: &Point) -> Point {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: &Point, b: &Point) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: &Point, b: &Point) -> Point {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn coordinates() -> impl Strategy<Value = [f32; 3]> {
+        // Few values, so that degenerate triangles and ties are common.
+        prop::array::uniform3((-4i32..=4).prop_map(|value| value as f32 / 8.0))
+    }
+
+    proptest! {
+        #[test]
+        fn nearest_is_the_minimum_over_all(
+            positions in prop::collection::vec(coordinates(), 60),
+            count in 1usize..20,
+            sample in coordinates(),
+        ) {
+            let triangles: Vec<[u32; 3]> = (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+            let tree = TriangleTree::new(&positions, &triangles);
+            let point = sample.map(f64::from);
+            let brute = triangles
+                .iter()
+                .map(|t| to_triangle(point, &t.map(|v| positions[v as usize].map(f64::from))))
+                .fold(f64::INFINITY, f64::min);
+            prop_assert_eq!(tree.distance_squared(point, -1.0), brute);
+            prop_assert!(tree.distance_squared(point, brute + 0.1) <= brute + 0.1);
+        }
+
+        /// No point of the triangle is nearer than the distance says, and one is that near.
+        #[test]
+        fn triangle_distance_bounds_every_sample(corners in prop::array::uniform3(coordinates()), sample in coordinates()) {
+            let corners = corners.map(|corner| corner.map(f64::from));
+            let point = sample.map(f64::from);
+            let distance = to_triangle(point, &corners).sqrt();
+            let mut nearest = f64::INFINITY;
+            for i in 0..=40 {
+                for j in 0..=40 - i {
+                    let (u, v) = (i as f64 / 40.0, j as f64 / 40.0);
+                    let on: Point = std::array::from_fn(|axis| {
+                        corners[0][axis] * (1.0 - u - v) + corners[1][axis] * u + corners[2][axis] * v
+                    });
+                    let gap = sub(&on, &point);
+                    nearest = nearest.min(dot(&gap, &gap).sqrt());
+                }
+            }
+            prop_assert!(distance <= nearest + 1e-12);
+            prop_assert!(distance >= nearest - 0.05);
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! `GET /metrics`: counters in Prometheus' text format, and the layer that counts.
+//!
+//! A request lasts until its body is sent or given up, so streamed answers are measured whole.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::task::{Context, Poll};
+use std::time::Instant;
+
+use axum::body::{Body, HttpBody};
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::header::CONTENT_TYPE;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use hyper::body::{Frame, SizeHint};
+
+use super::AppState;
+
+/// Upper bounds of the latency histogram, seconds.
+const BUCKETS_SECS: [f64; 14] = [
+    0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0,
+];
+
+/// Counters since the start.
+#[derive(Debug, Default)]
+pub(super) struct Metrics {
+    routes: Mutex<BTreeMap<String, RouteCounters>>,
+    pages: AtomicU64,
+    in_flight: AtomicI64,
+}
+
+#[derive(Debug, Default, Clone)]
+struct RouteCounters {
+    statuses: BTreeMap<u16, u64>,
+    bytes: u64,
+    /// Requests a bucket, not summed up; the last one is for all slower ones.
+    buckets: [u64; BUCKETS_SECS.len() + 1],
+    seconds: f64,
+}
+
+impl Metrics {
+    /// Counts pages that went into an answer.
+    pub(super) fn pages_sent(&self, pages: u64) {
+        self.pages.fetch_add(pages, Ordering::Relaxed);
+    }
+
+    fn finished(&self, route: &str, status: u16, bytes: u64, seconds: f64) {
+        let mut routes = self.routes.lock().unwrap_or_else(PoisonError::into_inner);
+        if !routes.contains_key(route) {
+            routes.insert(route.to_owned(), RouteCounters::default());
+        }
+        if let Some(counters) = routes.get_mut(route) {
+            *counters.statuses.entry(status).or_default() += 1;
+            counters.bytes += bytes;
+            counters.seconds += seconds;
+            let bucket = BUCKETS_SECS.partition_point(|&bound| bound < seconds);
+            counters.buckets[bucket] += 1;
+        }
+    }
+
+    fn text(&self, viewers: usize) -> String {
+        let routes = self
+            .routes
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        let mut text = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write(&mut text, &routes, viewers);
+        text
+    }
+
+    fn write(
+        &self,
+        text: &mut String,
+        routes: &BTreeMap<String, RouteCounters>,
+        viewers: usize,
+    ) -> std::fmt::Result {
+        family(text, "requests_total", "counter", "Requests finished.")?;
+        for (route, counters) in routes {
+            for (status, count) in &counters.statuses {
+                writeln!(
+                    text,
+                    "lodestream_requests_total{{route=\"{route}\",status=\"{status}\"}} {count}"
+                )?;
+            }
+        }
+        family(text, "response_bytes_total", "counter", "Bytes of bodies.")?;
+        for (route, counters) in routes {
+            let bytes = counters.bytes;
+            writeln!(
+                text,
+                "lodestream_response_bytes_total{{route=\"{route}\"}} {bytes}"
+            )?;
+        }
+        let help = "From the request's head to the end of the answer's body.";
+        family(text, "request_seconds", "histogram", help)?;
+        for (route, counters) in routes {
+            let name = "lodestream_request_seconds";
+            let mut sum = 0;
+            for (bound, count) in BUCKETS_SECS.iter().zip(counters.buckets) {
+                sum += count;
+                writeln!(
+                    text,
+                    "{name}_bucket{{route=\"{route}\",le=\"{bound}\"}} {sum}"
+                )?;
+            }
+            let count: u64 = counters.buckets.iter().sum();
+            writeln!(
+                text,
+                "{name}_bucket{{route=\"{route}\",le=\"+Inf\"}} {count}"
+            )?;
+            writeln!(text, "{name}_sum{{route=\"{route}\"}} {}", counters.seconds)?;
+            writeln!(text, "{name}_count{{route=\"{route}\"}} {count}")?;
+        }
+        family(
+            text,
+            "pages_sent_total",
+            "counter",
+            "Pages put into answers.",
+        )?;
+        let pages = self.pages.load(Ordering::Relaxed);
+        writeln!(text, "lodestream_pages_sent_total {pages}")?;
+        family(
+            text,
+            "requests_in_flight",
+            "gauge",
+            "Requests not finished.",
+        )?;
+        let in_flight = self.in_flight.load(Ordering::Relaxed);
+        writeln!(text, "lodestream_requests_in_flight {in_flight}")?;
+        family(
+            text,
+            "viewers",
+            "gauge",
+            "Viewers whose posts are remembered.",
+        )?;
+        writeln!(text, "lodestream_viewers {viewers}")
+    }
+}
+
+fn family(text: &mut String, name: &str, kind: &str, help: &str) -> std::fmt::Result {
+    writeln!(text, "# HELP lodestream_{name} {help}")?;
+    writeln!(text, "# TYPE lodestream_{name} {kind}")
+}
+
+/// `GET /metrics`
+pub(super) async fn metrics(State(state): State<AppState>) -> impl IntoResponse {
+    let text = state.0.metrics.text(state.0.viewers.count());
+    (
+        [(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")],
+        text,
+    )
+}
+
+/// The layer.
+pub(super) async fn measure(
+    State(state): State<AppState>,
+    route: Option<MatchedPath>,
+    request: Request,
+    next: Next,
+) -> Response {
+    state.0.metrics.in_flight.fetch_add(1, Ordering::Relaxed);
+    let mut measure = Measure {
+        state,
+        route,
+        // Stays where the client goes before there is an answer (499 as nginx counts it).
+        status: 499,
+        bytes: 0,
+        started: Instant::now(),
+    };
+    let response = next.run(request).await;
+    measure.status = response.status().as_u16();
+    response.map(|body| Body::new(MeasuredBody { body, measure }))
+}
+
+/// Counts its request when it goes.
+struct Measure {
+    state: AppState,
+    route: Option<MatchedPath>,
+    status: u16,
+    bytes: u64,
+    started: Instant,
+}
+
+impl Drop for Measure {
+    fn drop(&mut self) {
+        let metrics = &self.state.0.metrics;
+        let route = self.route.as_ref().map_or("none", MatchedPath::as_str);
+        let seconds = self.started.elapsed().as_secs_f64();
+        metrics.finished(route, self.status, self.bytes, seconds);
+        metrics.in_flight.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+struct MeasuredBody {
+    body: Body,
+    measure: Measure,
+}
+
+impl HttpBody for MeasuredBody {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let frame = Pin::new(&mut self.body).poll_frame(context);
+        if let Poll::Ready(Some(Ok(frame))) = &frame {
+            self.measure.bytes += frame.data_ref().map_or(0, |data| data.len() as u64);
+        }
+        frame
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}

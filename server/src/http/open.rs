@@ -1,0 +1,96 @@
+//! `GET /v1/scenes/{scene}/open`: scene, assets, hierarchies and root pages in one answer: first picture in one round trip.
+
+use std::collections::HashSet;
+
+use axum::body::Body;
+use axum::extract::{Path, State};
+use axum::http::header::{CONTENT_TYPE, ETAG};
+use axum::http::{HeaderMap, Method};
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures_util::{StreamExt, TryStreamExt, stream};
+use lodestream_format::ContentHash;
+use lodestream_format::wire::{self, BlockKind, PageStatus};
+
+use super::AppState;
+use super::error::HttpError;
+use super::etag::{self, REVALIDATE};
+use crate::library::LibraryError;
+
+/// Assets read ahead of the connection.
+const ASSETS_AHEAD: usize = 4;
+/// Answers up to this go out as one piece: a scene of many small assets is not a flood of tiny frames.
+const JOIN_BYTES: usize = 256 * 1024;
+
+/// `GET /v1/scenes/{scene}/open`
+pub(super) async fn open(
+    State(state): State<AppState>,
+    Path(name): Path<String>,
+    method: Method,
+    request: HeaderMap,
+) -> Result<Response, HttpError> {
+    let library = state.0.library.clone();
+    let reference = library.reference(&name).await?;
+    let tag = etag::tag(reference.scene);
+    if etag::is_held(&request, &tag) {
+        return Ok(etag::not_modified(tag, REVALIDATE));
+    }
+    let headers = [(CONTENT_TYPE, wire::MEDIA_TYPE)];
+    let response = |body| ([REVALIDATE], [(ETAG, tag)], headers, body).into_response();
+    if method == Method::HEAD {
+        return Ok(response(Body::empty()));
+    }
+    let scene_bytes = library.object(&reference.scene).await?;
+    // An asset that the scene uses with several materials comes once.
+    let mut seen = HashSet::new();
+    let scene = library.decode_scene(&reference.scene, &scene_bytes)?;
+    let assets: Vec<_> = scene
+        .assets
+        .iter()
+        .map(|asset| asset.asset)
+        .filter(|asset| seen.insert(*asset))
+        .collect();
+    let first = block(BlockKind::Scene, reference.scene, scene_bytes);
+    let assets = stream::iter(assets)
+        .map(move |asset| asset_blocks(state.clone(), asset))
+        .buffered(ASSETS_AHEAD)
+        .map_ok(|pieces| stream::iter(pieces.into_iter().map(Ok)))
+        .try_flatten();
+    let blocks = stream::iter(first.map(Ok))
+        .chain(assets)
+        .chain(stream::once(async {
+            Ok(Bytes::copy_from_slice(&wire::end_block()))
+        }))
+        .inspect_err(|error: &LibraryError| tracing::error!("answer cut short: {error}"));
+    Ok(response(Body::from_stream(blocks)))
+}
+
+/// Asset, Hierarchy and RootPages of one asset.
+async fn asset_blocks(state: AppState, hash: ContentHash) -> Result<Vec<Bytes>, LibraryError> {
+    let library = &state.0.library;
+    let asset = state.0.tables.asset(library, &hash).await?;
+    let roots = asset.pages.get(asset.root_page_count as usize - 1);
+    let root_bytes = roots.map_or(0, |last| last.offset + last.bytes as u64);
+    let (asset_object, hierarchy, root_pages) = futures_util::try_join!(
+        library.object(&hash),
+        library.object(&asset.hierarchy),
+        library.object_range(&asset.pack, 0..root_bytes),
+    )?;
+    state.0.metrics.pages_sent(asset.root_page_count as u64);
+    let pieces = [
+        block(BlockKind::Asset, hash, asset_object),
+        block(BlockKind::Hierarchy, asset.hierarchy, hierarchy),
+        block(BlockKind::RootPages, hash, root_pages),
+    ]
+    .concat();
+    let total: usize = pieces.iter().map(Bytes::len).sum();
+    Ok(match total <= JOIN_BYTES {
+        true => vec![Bytes::from(pieces.concat())],
+        false => pieces,
+    })
+}
+
+fn block(kind: BlockKind, hash: ContentHash, payload: Bytes) -> [Bytes; 2] {
+    let header = wire::block_header(kind, PageStatus::Ok, 0, hash, payload.len() as u64);
+    [Bytes::copy_from_slice(&header), payload]
+}

@@ -1,0 +1,145 @@
+//! Sockets and shutdown: HTTP/1.1 and cleartext HTTP/2 with prior knowledge on one port.
+//!
+//! `axum::serve` leaves Nagle's algorithm on (40 ms stalls) and hyper's header timeout without a timer (connections that are
+//! silent stay for ever), hence this loop.
+
+use std::future::Future;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use hyper_util::server::conn::auto::Builder;
+use hyper_util::server::graceful::GracefulShutdown;
+use hyper_util::service::TowerToHyperService;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+
+use super::socket::Socket;
+use super::{AppState, router};
+
+/// Longest wait for a request's head, also between two requests of one connection.
+const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
+/// Time between two pings of a silent HTTP/2 connection, and for their answer.
+const PING: Duration = Duration::from_secs(20);
+/// Longest wait for requests in flight after a signal.
+const DRAIN: Duration = Duration::from_secs(10);
+/// Most connections at once; later ones wait in the listener's queue.
+const MAX_CONNECTIONS: usize = 16_384;
+
+/// A bound listener.
+#[derive(Debug)]
+pub struct Server {
+    listener: TcpListener,
+    address: SocketAddr,
+}
+
+impl Server {
+    /// Binds `listen`, `host:port`; port 0 takes any free one.
+    pub async fn bind(listen: &str) -> io::Result<Self> {
+        let listener = TcpListener::bind(listen).await?;
+        let address = listener.local_addr()?;
+        Ok(Self { listener, address })
+    }
+
+    /// The address that was bound.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Serves until `shutdown` ends, then lets requests in flight finish, for up to ten seconds.
+    pub async fn run(self, state: AppState, shutdown: impl Future<Output = ()>) {
+        let service = TowerToHyperService::new(router(state.clone()));
+        let connections = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+        let graceful = GracefulShutdown::new();
+        let builder = builder();
+        let mut shutdown = std::pin::pin!(shutdown);
+        loop {
+            let accepted = async {
+                // Never closed, so the permit always comes.
+                let permit = Arc::clone(&connections).acquire_owned().await;
+                (self.listener.accept().await, permit)
+            };
+            let (stream, permit) = tokio::select! {
+                () = &mut shutdown => break,
+                accepted = accepted => match accepted {
+                    (Ok((stream, _)), permit) => (stream, permit),
+                    (Err(error), _) => {
+                        pause_after(error).await;
+                        continue;
+                    }
+                },
+            };
+            let Some(io) = prepare(stream) else { continue };
+            let connection = builder.serve_connection(io, service.clone());
+            let connection = graceful.watch(connection.into_owned());
+            tokio::spawn(async move {
+                if let Err(error) = connection.await {
+                    tracing::debug!("connection: {error}");
+                }
+                drop(permit);
+            });
+        }
+        state.drain();
+        drop(self.listener);
+        if tokio::time::timeout(DRAIN, graceful.shutdown())
+            .await
+            .is_err()
+        {
+            tracing::warn!("connections cut after {} s", DRAIN.as_secs());
+        }
+    }
+}
+
+fn builder() -> Builder<TokioExecutor> {
+    let mut builder = Builder::new(TokioExecutor::new());
+    builder
+        .http1()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEAD_TIMEOUT);
+    builder
+        .http2()
+        .timer(TokioTimer::new())
+        .keep_alive_interval(PING)
+        .keep_alive_timeout(PING)
+        .max_concurrent_streams(200);
+    builder
+}
+
+fn prepare(stream: TcpStream) -> Option<TokioIo<Socket>> {
+    match stream.set_nodelay(true) {
+        Ok(()) => Some(TokioIo::new(Socket::new(stream, HEAD_TIMEOUT))),
+        // The peer is gone already.
+        Err(_) => None,
+    }
+}
+
+/// A connection that went before it was accepted is nothing; anything else (no descriptors left) passes with time.
+async fn pause_after(error: io::Error) {
+    use io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
+    if !matches!(
+        error.kind(),
+        ConnectionAborted | ConnectionRefused | ConnectionReset
+    ) {
+        tracing::error!("accept: {error}");
+        tokio::time::sleep(Duration::from_millis(200)).await;
+    }
+}
+
+/// Ends when the process is told to stop (SIGTERM, SIGINT).
+pub async fn stop_signal() -> io::Result<()> {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        let mut terminate = signal(SignalKind::terminate())?;
+        let mut interrupt = signal(SignalKind::interrupt())?;
+        tokio::select! {
+            _ = terminate.recv() => {}
+            _ = interrupt.recv() => {}
+        }
+        Ok(())
+    }
+    #[cfg(not(unix))]
+    tokio::signal::ctrl_c().await
+}

@@ -1,0 +1,25 @@
+//! Twins of the passes: the same f32 operations in the same order, over slices instead of bindings.
+
+pub mod compact_requests;
+pub mod cull_clusters;
+pub mod cull_instances;
+pub mod cull_nodes;
+pub mod cut;
+pub mod cut_brute;
+pub mod error_metric;
+pub mod prepare;
+pub mod transcode;
+pub mod view;
+
+pub use cut::{Culled, cut, requests_only};
+pub use cut_brute::{cut_brute, requests_brute};
+pub use transcode::transcode;
+pub use view::{Camera, CameraError, Capacities, near_for_radius};
+
+/// Appends as the passes do: nothing is written past the capacity, and the count keeps counting.
+fn append<T>(list: &mut Vec<T>, item: T, count: &mut u32, capacity: u32) {
+    if *count < capacity {
+        list.push(item);
+    }
+    *count += 1;
+}
