@@ -3,5 +3,15 @@
 //!
 //! Everything that names wgpu or winit stands behind the feature `gpu`; the rest drives virtual viewers too.
 
+pub mod camera;
+pub mod path;
+
+#[cfg(feature = "gpu")]
+pub mod cut_file;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+#[cfg(feature = "gpu")]
+pub mod picture;
+#[cfg(feature = "gpu")]
+pub mod report;
+pub mod stream;

@@ -1,1 +1,7 @@
-fn main() {}
+//! `lodestream-server`: see [`lodestream_server::cli`].
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    lodestream_server::cli::main()
+}

@@ -64,17 +64,17 @@ fn field_bits(attributes: u32, widths: u32, color_widths: u32, field: u32) -> u3
 fn layout_of(job: TranscodeJob) -> DiskLayout {
     let attributes = disk_word(job, DISK_WORD_ATTRIBUTES);
     let plane_widths = disk_word(job, DISK_WORD_PLANE_WIDTHS);
-    var layout: DiskLayout;
-    layout.index_planes = job.disk_word + DISK_HEADER_WORDS + DISK_COLUMNS * disk_word(job, DISK_WORD_CLUSTER_COUNT);
-    layout.index_plane_words = (disk_word(job, DISK_WORD_TRIANGLE_COUNT) + 3u) / 4u;
-    layout.vertex_plane_words = (disk_word(job, DISK_WORD_VERTEX_COUNT) + 3u) / 4u;
-    var plane = layout.index_planes + 3u * layout.index_plane_words;
+    var sections: DiskLayout;
+    sections.index_planes = job.disk_word + DISK_HEADER_WORDS + DISK_COLUMNS * disk_word(job, DISK_WORD_CLUSTER_COUNT);
+    sections.index_plane_words = (disk_word(job, DISK_WORD_TRIANGLE_COUNT) + 3u) / 4u;
+    sections.vertex_plane_words = (disk_word(job, DISK_WORD_VERTEX_COUNT) + 3u) / 4u;
+    var plane = sections.index_planes + 3u * sections.index_plane_words;
     for (var field = 0u; field < DISK_FIELDS; field++) {
-        layout.field_planes[field] = plane;
-        plane += field_bytes(attributes, plane_widths, field) * layout.vertex_plane_words;
+        sections.field_planes[field] = plane;
+        plane += field_bytes(attributes, plane_widths, field) * sections.vertex_plane_words;
     }
-    layout.field_planes[DISK_FIELDS] = plane;
-    return layout;
+    sections.field_planes[DISK_FIELDS] = plane;
+    return sections;
 }
 
 // Word `word` (not the payload's) of a cluster's header.
@@ -105,13 +105,13 @@ fn placed(value: u32, at: u32, start: u32) -> u32 {
 }
 
 // Word `word` of a cluster's triangle indices.
-fn index_word(layout: DiskLayout, first_triangle: u32, counts: u32, word: u32) -> u32 {
+fn index_word(sections: DiskLayout, first_triangle: u32, counts: u32, word: u32) -> u32 {
     let bits = index_bits_of(counts);
     let start = word * 32u;
     let indices = triangle_count_of(counts) * 3u;
     var value = 0u;
     for (var index = start / bits; index < indices && index * bits < start + 32u; index++) {
-        let plane = layout.index_planes + (index % 3u) * layout.index_plane_words;
+        let plane = sections.index_planes + (index % 3u) * sections.index_plane_words;
         value |= placed(plane_byte(plane, first_triangle + index / 3u), index * bits, start);
     }
     return value;
@@ -119,7 +119,7 @@ fn index_word(layout: DiskLayout, first_triangle: u32, counts: u32, word: u32) -
 
 // Word `word` of a cluster's vertex records.
 fn vertex_word(
-    layout: DiskLayout,
+    sections: DiskLayout,
     first_vertex: u32,
     vertex_count: u32,
     field_widths: array<u32, 11>,
@@ -128,7 +128,7 @@ fn vertex_word(
 ) -> u32 {
     // Indexed by a variable, and parameters cannot be.
     var widths = field_widths;
-    var planes = layout.field_planes;
+    var planes = sections.field_planes;
     let start = word * 32u;
     var vertex = start / vertex_bits;
     var at = vertex * vertex_bits;
@@ -137,7 +137,7 @@ fn vertex_word(
         for (var field = 0u; field < DISK_FIELDS; field++) {
             let bits = widths[field];
             if bits > 0u && at + bits > start && at < start + 32u {
-                let stored = field_value(planes[field], layout.vertex_plane_words, bits, first_vertex + vertex);
+                let stored = field_value(planes[field], sections.vertex_plane_words, bits, first_vertex + vertex);
                 value |= placed(stored, at, start);
             }
             at += bits;
@@ -157,7 +157,7 @@ fn header_word(job: TranscodeJob, cluster: u32, counts: u32, payload_word: u32, 
 }
 
 fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
-    let layout = layout_of(job);
+    let sections = layout_of(job);
     let attributes = disk_word(job, DISK_WORD_ATTRIBUTES);
     let span = job.span_word + cluster * CLUSTER_SPAN_WORDS;
     let first_vertex = staging[span];
@@ -173,7 +173,7 @@ fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
     }
     let index_words = index_words_of(counts);
     for (var word = local; word < index_words; word += TRANSCODE_THREADS) {
-        store_pool(job.pool_word + payload_word + word, index_word(layout, first_triangle, counts, word));
+        store_pool(job.pool_word + payload_word + word, index_word(sections, first_triangle, counts, word));
     }
     var field_widths: array<u32, 11>;
     for (var field = 0u; field < DISK_FIELDS; field++) {
@@ -183,7 +183,7 @@ fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
     let vertex_bits = vertex_bits_of(attributes, widths, color_widths);
     let vertex_words = (vertex_count * vertex_bits + 31u) / 32u;
     for (var word = local; word < vertex_words; word += TRANSCODE_THREADS) {
-        let value = vertex_word(layout, first_vertex, vertex_count, field_widths, vertex_bits, word);
+        let value = vertex_word(sections, first_vertex, vertex_count, field_widths, vertex_bits, word);
         store_pool(job.pool_word + payload_word + index_words + word, value);
     }
 }

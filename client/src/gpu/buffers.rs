@@ -171,7 +171,10 @@ impl Buffers {
         frame("fragment_counts", 0, none)?;
         let mut buffers = Self {
             by_name,
-            capacities: Capacities { nodes: 0, clusters: 0 },
+            capacities: Capacities {
+                nodes: 0,
+                clusters: 0,
+            },
             size_px: [0; 2],
             counts_fragments: false,
         };
@@ -252,7 +255,11 @@ impl Buffers {
         }
         self.size_px = size_px;
         let counted = std::mem::take(&mut self.counts_fragments);
-        if counted { self.count_fragments(gpu) } else { Ok(()) }
+        if counted {
+            self.count_fragments(gpu)
+        } else {
+            Ok(())
+        }
     }
 
     /// Makes room for the fragment counts, which only the overdraw picture needs.

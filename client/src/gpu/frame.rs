@@ -67,17 +67,13 @@ impl Passes {
 /// same atomic maximum, so neither has to know of the other.
 pub fn record(recorder: &mut Recorder<'_>, passes: &Passes, buffers: &Buffers, work: Work) {
     for name in ["counters", "page_priority"] {
-        recorder
-            .encoder
-            .clear_buffer(buffers.get(name), 0, None);
+        recorder.encoder.clear_buffer(buffers.get(name), 0, None);
     }
     // Requests are written while nodes are visited: for what is installed and for what is not.
     passes.cull.record_nodes(recorder);
     if work == Work::Picture {
         for name in ["visbuffer", "fragment_counts"] {
-            recorder
-                .encoder
-                .clear_buffer(buffers.get(name), 0, None);
+            recorder.encoder.clear_buffer(buffers.get(name), 0, None);
         }
         passes.cull.record_clusters(recorder);
         passes.record_picture(recorder);

@@ -50,9 +50,7 @@ pub fn cut(gpu: &Gpu, words: u64) -> Result<PoolBindings, GpuError> {
 pub fn max_bytes(gpu: &Gpu) -> u64 {
     let largest_words = gpu.max_binding_bytes() / 4;
     let whole = (1u64 << largest_words.ilog2()) * 4 * max_bindings(gpu) as u64;
-    whole
-        .max(largest_words * 4)
-        .min((u32::MAX as u64 - 1) * 4)
+    whole.max(largest_words * 4).min((u32::MAX as u64 - 1) * 4)
 }
 
 fn max_bindings(gpu: &Gpu) -> u32 {

@@ -116,13 +116,7 @@ impl Readback {
             counters,
         );
         let bytes = self.requests as u64 * size_of::<RequestRecord>() as u64;
-        encoder.copy_buffer_to_buffer(
-            buffers.get("requests"),
-            0,
-            &buffer,
-            REQUESTS_OFFSET,
-            bytes,
-        );
+        encoder.copy_buffer_to_buffer(buffers.get("requests"), 0, &buffer, REQUESTS_OFFSET, bytes);
         Some(Recorded {
             buffer,
             spans,
@@ -172,7 +166,11 @@ impl Readback {
         while let Some(first) = self.in_flight.front() {
             match first.state.load(Ordering::Acquire) {
                 PENDING => break,
-                FAILED => return Err(GpuError::Device("a readback could not be mapped".to_owned())),
+                FAILED => {
+                    return Err(GpuError::Device(
+                        "a readback could not be mapped".to_owned(),
+                    ));
+                }
                 _ => {}
             }
             let Some(done) = self.in_flight.pop_front() else {
@@ -185,7 +183,10 @@ impl Readback {
                 self.idle.push(done.buffer);
             }
         }
-        let wanted = results.iter().map(|result| result.counters.request_count).max();
+        let wanted = results
+            .iter()
+            .map(|result| result.counters.request_count)
+            .max();
         if wanted.is_some_and(|wanted| wanted > self.requests) {
             self.resize(gpu, wanted.unwrap_or(0).next_power_of_two());
         }

@@ -1,5 +1,7 @@
 //! Records one frame's commands: every pass by name, timed where the adapter can.
 
+use lodestream_shaders::cpu::view;
+
 use super::pipelines::Bound;
 use super::timestamps::Timestamps;
 
@@ -15,15 +17,9 @@ pub struct Recorder<'a> {
     pub passes: Vec<&'static str>,
 }
 
-/// Workgroups along x and y for `items` of a pass with 64 threads a workgroup; `thread_index` in `view.wgsl` undoes it.
+/// Workgroups for `items` of a pass with a thread an item.
 pub fn workgroups(items: u32) -> [u32; 3] {
-    const MAX_WORKGROUPS_X: u32 = 65_535;
-    let count = items.div_ceil(64);
-    [
-        count.min(MAX_WORKGROUPS_X),
-        count.div_ceil(MAX_WORKGROUPS_X),
-        1,
-    ]
+    view::workgroups(items, view::WORKGROUP_THREADS)
 }
 
 /// The dispatches of one compute span.
@@ -76,10 +72,12 @@ impl<'a> Recorder<'a> {
             end_of_pass_write_index: Some(first + 1),
         });
         self.spans.push(name);
-        let pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(name),
-            timestamp_writes,
-        });
+        let pass = self
+            .encoder
+            .begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some(name),
+                timestamp_writes,
+            });
         record(&mut Dispatches {
             pass,
             passes: &mut self.passes,

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use lodestream_shaders::SceneArrays;
-use lodestream_shaders::types::{ClusterItem, NOT_INSTALLED, ShadeMode, View};
+use lodestream_shaders::cpu::prepare::RASTER_VERTICES;
+use lodestream_shaders::types::{ClusterItem, IndirectArgs, NOT_INSTALLED, ShadeMode, View};
 
 use super::buffers::{Buffers, Capacities};
 use super::device::Gpu;
@@ -219,7 +220,9 @@ impl Renderer {
         }
         after(&mut recorder, &self.buffers);
         let timestamps = self.timestamps.as_ref();
-        let copied = self.readback.record(&mut recorder, &self.buffers, timestamps);
+        let copied = self
+            .readback
+            .record(&mut recorder, &self.buffers, timestamps);
         self.recorded.extend(&recorder.passes);
         self.gpu.queue.submit([recorder.encoder.finish()]);
         self.frame += 1;
@@ -240,11 +243,7 @@ impl Renderer {
             self.present = Some(Present::new(&mut self.parts(), format)?);
         }
         let mut recorder = Recorder::new(&self.gpu.device, None);
-        overlay(
-            &self.gpu,
-            &mut recorder.encoder,
-            self.buffers.get("color"),
-        );
+        overlay(&self.gpu, &mut recorder.encoder, self.buffers.get("color"));
         if let Some(present) = &self.present {
             present.record(&mut recorder, target);
         }
@@ -266,19 +265,15 @@ impl Renderer {
     pub fn raster_items(&mut self, view: &View, items: &[ClusterItem]) -> Result<(), GpuError> {
         self.bind(Work::Picture)?;
         self.write_view(view);
-        let args = [384, items.len() as u32, 0, 0];
-        let offset = std::mem::offset_of!(lodestream_shaders::types::IndirectArgs, raster);
+        let args = [RASTER_VERTICES, items.len() as u32, 0, 0];
+        let offset = std::mem::offset_of!(IndirectArgs, raster);
         let queue = &self.gpu.queue;
         queue.write_buffer(
             self.buffers.get("args"),
             offset as u64,
             bytemuck::cast_slice(&args),
         );
-        queue.write_buffer(
-            self.buffers.get("visible"),
-            0,
-            bytemuck::cast_slice(items),
-        );
+        queue.write_buffer(self.buffers.get("visible"), 0, bytemuck::cast_slice(items));
         self.submit(|passes, recorder| passes.record_picture(recorder));
         Ok(())
     }
@@ -318,7 +313,9 @@ impl Renderer {
 
     /// Overwrites the buffer that the passes bind as `name`, from its first byte on.
     pub fn write_buffer(&self, name: &str, bytes: &[u8]) {
-        self.gpu.queue.write_buffer(self.buffers.get(name), 0, bytes);
+        self.gpu
+            .queue
+            .write_buffer(self.buffers.get(name), 0, bytes);
     }
 
     fn write_view(&self, view: &View) {

@@ -34,7 +34,10 @@ pub struct Textures {
 impl Textures {
     /// Lays `textures` out in at most `most_words` words: the largest mip of all goes first.
     pub fn layout(sizes: impl IntoIterator<Item = [u32; 2]>, most_words: u64) -> Self {
-        let mut sizes: Vec<_> = sizes.into_iter().map(|size| size.map(|axis| axis.max(1))).collect();
+        let mut sizes: Vec<_> = sizes
+            .into_iter()
+            .map(|size| size.map(|axis| axis.max(1)))
+            .collect();
         let mut words: u64 = sizes.iter().map(chain_words).sum();
         let mut mips_left_out = 0;
         while words > most_words {
@@ -74,14 +77,19 @@ impl Renderer {
         mut warn: impl FnMut(String),
     ) -> Result<Textures, GpuError> {
         let gpu: Gpu = self.gpu.clone();
-        let sizes = textures.clone().map(|each| [each.texture.width, each.texture.height]);
+        let sizes = textures
+            .clone()
+            .map(|each| [each.texture.width, each.texture.height]);
         let layout = Textures::layout(sizes, gpu.max_binding_bytes() / 4);
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
         let texels = super::buffers::create(&gpu, "texels", layout.words * 4, usage)?;
         for (index, (each, record)) in textures.zip(&layout.records).enumerate() {
             let texels_of = decode(&each).map_or_else(
                 |reason| {
-                    warn(format!("texture {index} ({}): {reason}", each.texture.object));
+                    warn(format!(
+                        "texture {index} ({}): {reason}",
+                        each.texture.object
+                    ));
                     vec![u32::MAX; area(&[record.width, record.height]) as usize]
                 },
                 |(size, texels)| shrink(size, texels, [record.width, record.height]),
@@ -243,7 +251,10 @@ mod tests {
             let texels = vec![0x80_40_20_10; area(&size) as usize];
             let chain = mip_chain(size, texels);
             assert_eq!(chain.len() as u64, chain_words(&size), "{size:?}");
-            assert!(chain.iter().all(|&texel| texel == 0x80_40_20_10), "{size:?}");
+            assert!(
+                chain.iter().all(|&texel| texel == 0x80_40_20_10),
+                "{size:?}"
+            );
             let layout = Textures::layout([size], u64::MAX);
             assert_eq!(layout.words, chain.len() as u64);
             let mips = layout.records[0].mip_count;

@@ -62,7 +62,12 @@ impl Timestamps {
 
     /// Milliseconds of each of `spans`, from the resolved ticks.
     pub fn milliseconds(&self, spans: &[&'static str], ticks: &[u64]) -> Vec<(&'static str, f64)> {
-        let of = |pair: &[u64]| pair[1].saturating_sub(pair[0]) as f64 * self.period_ns as f64 / 1e6;
-        spans.iter().copied().zip(ticks.chunks_exact(2).map(of)).collect()
+        let of =
+            |pair: &[u64]| pair[1].saturating_sub(pair[0]) as f64 * self.period_ns as f64 / 1e6;
+        spans
+            .iter()
+            .copied()
+            .zip(ticks.chunks_exact(2).map(of))
+            .collect()
     }
 }

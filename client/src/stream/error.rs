@@ -6,7 +6,9 @@ use lodestream_format::{ContentHash, FormatError};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum StreamError {
     /// Neither a URL nor a library folder.
-    #[error("{location}: expected an http(s) URL or a library folder with `scenes` in it, found {found}")]
+    #[error(
+        "{location}: expected an http(s) URL or a library folder with `scenes` in it, found {found}"
+    )]
     Location {
         /// What was given.
         location: String,
@@ -118,7 +120,9 @@ impl StreamError {
                 retry_after_secs: Some(secs),
                 ..
             } => Retry::After(*secs),
-            Self::Status { status, .. } if (400..500).contains(status) && *status != 408 && *status != 429 => {
+            Self::Status { status, .. }
+                if (400..500).contains(status) && *status != 408 && *status != 429 =>
+            {
                 Retry::Late
             }
             Self::NotFound { .. } | Self::Format { .. } => Retry::Late,

@@ -51,9 +51,12 @@ pub struct OpenParts {
 impl OpenParts {
     /// An object with its hash checked.
     pub fn object(&self, hash: &ContentHash) -> Result<&Bytes, StreamError> {
-        let bytes = self.objects.get(hash).ok_or_else(|| StreamError::NotFound {
-            place: format!("object {hash}"),
-        })?;
+        let bytes = self
+            .objects
+            .get(hash)
+            .ok_or_else(|| StreamError::NotFound {
+                place: format!("object {hash}"),
+            })?;
         check_hash(|| format!("object {hash}"), hash, bytes)?;
         Ok(bytes)
     }
@@ -126,11 +129,9 @@ impl OpenedAsset {
         let place = |what: &str| format!("{what} of asset {hash}");
         let asset = Asset::decode(parts.object(&hash)?)
             .map_err(StreamError::format(format!("asset {hash}")))?;
-        let hierarchy = Hierarchy::decode(
-            parts.object(&asset.hierarchy)?,
-            asset.pages.len() as u32,
-        )
-        .map_err(StreamError::format(place("hierarchy")))?;
+        let hierarchy =
+            Hierarchy::decode(parts.object(&asset.hierarchy)?, asset.pages.len() as u32)
+                .map_err(StreamError::format(place("hierarchy")))?;
         // Root groups are always refined, so they must always be there: a hole otherwise.
         let astray = hierarchy
             .groups

@@ -72,7 +72,8 @@ pub fn split_frames(
     bytes: &Bytes,
 ) -> Result<Vec<Bytes>, StreamError> {
     let place = || format!("pages {first}-{last} of asset {hash}");
-    let range = pack_range(asset, first, last).ok_or_else(|| StreamError::NotFound { place: place() })?;
+    let range =
+        pack_range(asset, first, last).ok_or_else(|| StreamError::NotFound { place: place() })?;
     if bytes.len() as u64 != range.end - range.start {
         return Err(StreamError::Length {
             place: place(),
@@ -80,9 +81,11 @@ pub fn split_frames(
             found_bytes: bytes.len() as u64,
         });
     }
-    let frames = asset.pages[first as usize..=last as usize].iter().map(|entry| {
-        let start = (entry.offset - range.start) as usize;
-        bytes.slice(start..start + entry.bytes as usize)
-    });
+    let frames = asset.pages[first as usize..=last as usize]
+        .iter()
+        .map(|entry| {
+            let start = (entry.offset - range.start) as usize;
+            bytes.slice(start..start + entry.bytes as usize)
+        });
     Ok(frames.collect())
 }

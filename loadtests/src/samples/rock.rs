@@ -232,13 +232,9 @@ mod tests {
     }
 
     #[test]
-    fn rock_has_the_triangles_asked_for_within_a_hundredth() {
-        for wanted in [12_000, 300_000] {
-            let triangles = rock(wanted, 1).unique_triangles;
-            assert!(
-                triangles.abs_diff(u64::from(wanted)) <= u64::from(wanted) / 100,
-                "{triangles} for {wanted}"
-            );
+    fn rock_has_the_nearest_count_that_a_cube_divides_into() {
+        for (wanted, nearest) in [(0, 48), (12_000, 12_288), (300_000, 299_568)] {
+            assert_eq!(rock(wanted, 1).unique_triangles, nearest);
         }
     }
 

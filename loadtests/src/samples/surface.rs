@@ -360,3 +360,58 @@ impl Surface {
             })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Six times less than what the triangles sweep from the origin: a closed surface's volume, negative if inside out.
+    fn volume(surface: &Surface) -> f64 {
+        let at = |index: u32| DVec3::from(surface.positions[index as usize].map(f64::from));
+        let swept = |t: &[u32]| at(t[0]).dot(at(t[1]).cross(at(t[2])));
+        surface.indices.chunks_exact(3).map(swept).sum::<f64>() / 6.0
+    }
+
+    #[test]
+    fn solids_enclose_their_volume() {
+        let frame = Frame::upright(DVec3::new(3.0, -2.0, 5.0), DVec3::NEG_X);
+        let mut cuboid = Surface::default();
+        cuboid.cuboid(&frame, [-1.0, 0.0, 0.5], [1.0, 3.0, 2.5], 0);
+        assert_eq!((volume(&cuboid), cuboid.indices.len()), (12.0, 36));
+
+        let mut bevelled = Surface::default();
+        bevelled.bevelled(&frame, [-1.0, 0.0, 0.5], [1.0, 3.0, 2.5], 0.125);
+        assert_eq!(bevelled.indices.len(), 44 * 3);
+        assert!(
+            (11.7..12.0).contains(&volume(&bevelled)),
+            "{}",
+            volume(&bevelled)
+        );
+
+        let mut cylinder = Surface::default();
+        cylinder.lathe(
+            &frame,
+            &[(0.0, 0.0), (1.0, 0.0), (1.0, 2.0), (0.0, 2.0)],
+            64,
+        );
+        let circle = std::f64::consts::TAU;
+        assert!(
+            (volume(&cylinder) / circle - 1.0).abs() < 0.01,
+            "{}",
+            volume(&cylinder)
+        );
+
+        // Open ends at the middle of the coordinates sweep nothing along the axis.
+        let mut tube = Surface::default();
+        tube.tube(&[(DVec3::NEG_Y, 0.5), (DVec3::Y, 0.5)], 32);
+        assert!(volume(&tube) > 0.9, "{}", volume(&tube));
+    }
+
+    #[test]
+    fn triangles_without_area_on_the_grid_are_left_out() {
+        let mut surface = Surface::default();
+        let near = DVec3::new(1e-5, 0.0, 0.0);
+        surface.flat(&[DVec3::ZERO, near, DVec3::Y]);
+        assert!(surface.indices.is_empty());
+    }
+}

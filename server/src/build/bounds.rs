@@ -10,8 +10,10 @@ use super::simplify::Simplified;
 
 /// Sphere around triangles, local metres.
 pub(super) fn around(mesh: &QuantizedMesh, triangles: &[Triangle]) -> Sphere {
-    let mut vertices: Vec<u32> =
-        triangles.iter().flat_map(|triangle| triangle.vertices).collect();
+    let mut vertices: Vec<u32> = triangles
+        .iter()
+        .flat_map(|triangle| triangle.vertices)
+        .collect();
     vertices.sort_unstable();
     vertices.dedup();
     Sphere::around(vertices.iter().map(|&vertex| mesh.local_metres(vertex)))
@@ -33,7 +35,9 @@ fn key(sphere: &Sphere) -> [u32; 4] {
 
 /// Largest error of a group's clusters, metres.
 pub(super) fn largest_error<'a>(members: impl Iterator<Item = &'a Cluster>) -> f32 {
-    members.map(|cluster| cluster.error_metres).fold(0.0, f32::max)
+    members
+        .map(|cluster| cluster.error_metres)
+        .fold(0.0, f32::max)
 }
 
 /// Error of a group's replacement, metres. By the triangle inequality the distance to the source is at most the members'

@@ -16,7 +16,9 @@ pub(super) fn leaves(mesh: &QuantizedMesh) -> Vec<Vec<Triangle>> {
         .triangles
         .par_iter()
         .map(|triangle| {
-            let corners = mesh.places_of(triangle).map(|place| mesh.places[place as usize]);
+            let corners = mesh
+                .places_of(triangle)
+                .map(|place| mesh.places[place as usize]);
             std::array::from_fn(|axis| corners.iter().map(|corner| corner[axis]).sum())
         })
         .collect();
@@ -24,8 +26,10 @@ pub(super) fn leaves(mesh: &QuantizedMesh) -> Vec<Vec<Triangle>> {
     pieces(order, &centroids)
         .par_iter()
         .map(|piece| {
-            let triangles: Vec<Triangle> =
-                piece.iter().map(|&index| mesh.triangles[index as usize]).collect();
+            let triangles: Vec<Triangle> = piece
+                .iter()
+                .map(|&index| mesh.triangles[index as usize])
+                .collect();
             clusterize(mesh, &triangles)
         })
         .collect::<Vec<_>>()
@@ -55,7 +59,10 @@ fn pieces(mut order: Vec<u32>, centroids: &[[f32; 3]]) -> Vec<Vec<u32>> {
         }
     }
     let side = |axis: usize| high[axis] - low[axis];
-    let axis = (1..3).fold(0, |best, axis| if side(axis) > side(best) { axis } else { best });
+    let axis = (1..3).fold(
+        0,
+        |best, axis| if side(axis) > side(best) { axis } else { best },
+    );
     let key = |index: u32| centroids[index as usize][axis];
     let middle = order.len() / 2;
     order.select_nth_unstable_by(middle, |&a, &b| key(a).total_cmp(&key(b)).then(a.cmp(&b)));

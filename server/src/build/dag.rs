@@ -83,16 +83,27 @@ pub(super) fn build(mesh: &QuantizedMesh) -> Dag {
     let mut effort = Effort::Usual;
     let mut round = 0;
     while pool.len() > 1 {
-        let target = if effort == Effort::Usual { USUAL_GROUP_CLUSTERS } else { LARGE_GROUP_CLUSTERS };
+        let target = if effort == Effort::Usual {
+            USUAL_GROUP_CLUSTERS
+        } else {
+            LARGE_GROUP_CLUSTERS
+        };
         let groups = partition(mesh, &dag.clusters, &pool, target);
         let shared = shared_places(mesh, &dag.clusters, &groups);
         let release_open_edges = effort == Effort::ReleaseOpenEdges && groups.len() > 1;
         if release_open_edges {
             open = OpenEdges::of(mesh, dag.triangles_of(&pool));
         }
-        let locks = Locks { shared: &shared, open: &open, release_open_edges, seams: &seams };
-        let replacements: Vec<_> =
-            groups.par_iter().map(|members| dag.replacement(mesh, members, locks)).collect();
+        let locks = Locks {
+            shared: &shared,
+            open: &open,
+            release_open_edges,
+            seams: &seams,
+        };
+        let replacements: Vec<_> = groups
+            .par_iter()
+            .map(|members| dag.replacement(mesh, members, locks))
+            .collect();
         let before = dag.triangles_of(&pool).count();
         pool = dag.advance(groups, replacements, round);
         let after = dag.triangles_of(&pool).count();
@@ -135,10 +146,17 @@ impl Dag {
     }
 
     fn members<'a>(&'a self, members: &'a [u32]) -> impl Iterator<Item = &'a Cluster> {
-        members.iter().map(|&cluster| &self.clusters[cluster as usize])
+        members
+            .iter()
+            .map(|&cluster| &self.clusters[cluster as usize])
     }
 
-    fn replacement(&self, mesh: &QuantizedMesh, members: &[u32], locks: Locks) -> Option<Replacement> {
+    fn replacement(
+        &self,
+        mesh: &QuantizedMesh,
+        members: &[u32],
+        locks: Locks,
+    ) -> Option<Replacement> {
         let level = self.members(members).map(|cluster| cluster.level).max()?;
         if level as usize + 1 >= MAX_LEVELS {
             return None;
@@ -147,7 +165,10 @@ impl Dag {
         let floor = bounds::largest_error(self.members(members)) as f64;
         let simplified = simplify(mesh, &triangles, locks, floor)?;
         let clusters = clusterize(mesh, &simplified.triangles);
-        Some(Replacement { simplified, clusters })
+        Some(Replacement {
+            simplified,
+            clusters,
+        })
     }
 
     /// Makes groups of those that have a replacement; gives the replacements and the clusters that wait for the next round.
@@ -159,7 +180,11 @@ impl Dag {
     ) -> Vec<u32> {
         let mut pool = Vec::new();
         for (members, replacement) in groups.into_iter().zip(replacements) {
-            let Some(Replacement { simplified, clusters }) = replacement else {
+            let Some(Replacement {
+                simplified,
+                clusters,
+            }) = replacement
+            else {
                 pool.extend(members);
                 continue;
             };
@@ -171,16 +196,37 @@ impl Dag {
             for triangles in clusters {
                 pool.push(self.clusters.len() as u32);
                 let level = level + 1;
-                self.clusters.push(Cluster { triangles, child_group, level, error_metres, lod_sphere });
+                self.clusters.push(Cluster {
+                    triangles,
+                    child_group,
+                    level,
+                    error_metres,
+                    lod_sphere,
+                });
             }
         }
         pool
     }
 
-    fn add_group(&mut self, members: Vec<u32>, round: u32, parent_error_metres: f32) -> (u8, Sphere) {
-        let level = self.members(&members).map(|cluster| cluster.level).max().unwrap_or(0);
+    fn add_group(
+        &mut self,
+        members: Vec<u32>,
+        round: u32,
+        parent_error_metres: f32,
+    ) -> (u8, Sphere) {
+        let level = self
+            .members(&members)
+            .map(|cluster| cluster.level)
+            .max()
+            .unwrap_or(0);
         let lod_sphere = bounds::lod_sphere(self.members(&members));
-        self.groups.push(Group { members, level, round, lod_sphere, parent_error_metres });
+        self.groups.push(Group {
+            members,
+            level,
+            round,
+            lod_sphere,
+            parent_error_metres,
+        });
         (level, lod_sphere)
     }
 

@@ -53,25 +53,39 @@ pub(super) fn encode(
         disk_form_bytes += *bytes as u64;
     }
     let hierarchy_bytes = hierarchy.encode();
-    let dag_triangles = dag.clusters.iter().map(|cluster| cluster.triangles.len() as u64).sum();
+    let dag_triangles = dag
+        .clusters
+        .iter()
+        .map(|cluster| cluster.triangles.len() as u64)
+        .sum();
     let asset = Asset {
         attributes: mesh.attributes,
         position_grid: mesh.position_grid,
         uv_grid: mesh.uv_grid,
         center_q: mesh.center_q,
-        aabb: pages
-            .clusters
-            .iter()
-            .fold(Aabb::EMPTY, |sum, cluster| sum.merge(&cluster.aabb(mesh.position_grid))),
+        aabb: pages.clusters.iter().fold(Aabb::EMPTY, |sum, cluster| {
+            sum.merge(&cluster.aabb(mesh.position_grid))
+        }),
         material_slots: mesh.material_slots,
         source_triangles: mesh.triangles.len() as u64,
         dag_triangles,
         clusters: dag.clusters.len() as u64,
-        levels: dag.clusters.iter().map(|cluster| cluster.level as u32 + 1).max().unwrap_or(1),
+        levels: dag
+            .clusters
+            .iter()
+            .map(|cluster| cluster.level as u32 + 1)
+            .max()
+            .unwrap_or(1),
         pack: ContentHash::of(&pack),
         hierarchy: ContentHash::of(&hierarchy_bytes),
         root_page_count: pages.root_page_count,
         pages: entries,
     };
-    Ok(Encoded { asset_bytes: asset.encode()?, asset, hierarchy_bytes, pack, disk_form_bytes })
+    Ok(Encoded {
+        asset_bytes: asset.encode()?,
+        asset,
+        hierarchy_bytes,
+        pack,
+        disk_form_bytes,
+    })
 }

@@ -15,9 +15,9 @@ pub(super) fn hierarchy(mesh: &QuantizedMesh, dag: &Dag, pages: &Pages) -> Hiera
     for (index, placed) in pages.groups.iter().enumerate() {
         let group = &dag.groups[placed.group as usize];
         let clusters = &pages.clusters[placed.clusters.clone()];
-        let aabb = clusters
-            .iter()
-            .fold(Aabb::EMPTY, |sum, cluster| sum.merge(&cluster.aabb(mesh.position_grid)));
+        let aabb = clusters.iter().fold(Aabb::EMPTY, |sum, cluster| {
+            sum.merge(&cluster.aabb(mesh.position_grid))
+        });
         hierarchy.groups.push(Group {
             lod_center: group.lod_sphere.center,
             lod_radius: group.lod_sphere.radius,
@@ -27,12 +27,18 @@ pub(super) fn hierarchy(mesh: &QuantizedMesh, dag: &Dag, pages: &Pages) -> Hiera
             first_page: placed.first_page,
             level: group.level as u32,
             cluster_count: clusters.len() as u32,
-            triangle_count: clusters.iter().map(|cluster| cluster.triangles.len() as u32).sum(),
+            triangle_count: clusters
+                .iter()
+                .map(|cluster| cluster.triangles.len() as u32)
+                .sum(),
             spare: 0,
         });
         hierarchy.parts.extend(&placed.parts);
         let reference = index as u32 | LEAF_FLAG;
-        leaves.push((group.round, child(group.lod_sphere, aabb, group.parent_error_metres, reference)));
+        leaves.push((
+            group.round,
+            child(group.lod_sphere, aabb, group.parent_error_metres, reference),
+        ));
     }
     let mut nodes = Vec::new();
     let mut rounds = Vec::new();
@@ -68,13 +74,25 @@ fn child(sphere: Sphere, aabb: Aabb, max_parent_error_metres: f32, reference: u3
 fn gather(nodes: &mut Vec<Node>, row: &[Child]) -> Vec<Child> {
     row.chunks(HIERARCHY_WIDTH)
         .map(|eight| {
-            let mut node = Node { children: [Child::EMPTY; HIERARCHY_WIDTH] };
+            let mut node = Node {
+                children: [Child::EMPTY; HIERARCHY_WIDTH],
+            };
             node.children[..eight.len()].copy_from_slice(eight);
             nodes.push(node);
             let spheres: Vec<Sphere> = eight.iter().map(Child::lod_sphere).collect();
-            let aabb = eight.iter().fold(Aabb::EMPTY, |sum, child| sum.merge(&child.aabb()));
-            let error = eight.iter().map(|child| child.max_parent_error_metres).fold(0.0, f32::max);
-            child(Sphere::enclosing(&spheres), aabb, error, nodes.len() as u32 - 1)
+            let aabb = eight
+                .iter()
+                .fold(Aabb::EMPTY, |sum, child| sum.merge(&child.aabb()));
+            let error = eight
+                .iter()
+                .map(|child| child.max_parent_error_metres)
+                .fold(0.0, f32::max);
+            child(
+                Sphere::enclosing(&spheres),
+                aabb,
+                error,
+                nodes.len() as u32 - 1,
+            )
         })
         .collect()
 }

@@ -25,9 +25,9 @@ impl LocalMesh {
         let local: Vec<[u32; 3]> = triangles
             .iter()
             .map(|triangle| {
-                triangle.vertices.map(|vertex| {
-                    numbers.number((triangle.material as u64) << 32 | vertex as u64)
-                })
+                triangle
+                    .vertices
+                    .map(|vertex| numbers.number((triangle.material as u64) << 32 | vertex as u64))
             })
             .collect();
         let vertices: Vec<u32> = numbers.keys.iter().map(|&key| key as u32).collect();

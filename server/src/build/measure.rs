@@ -16,7 +16,10 @@ pub(super) fn distance(
     let replaced = difference(before, after);
     let new = difference(after, before);
     let mut used = vec![false; positions.len()];
-    after.as_flattened().iter().for_each(|&vertex| used[vertex as usize] = true);
+    after
+        .as_flattened()
+        .iter()
+        .for_each(|&vertex| used[vertex as usize] = true);
     let mut vanished: Vec<u32> = replaced
         .as_flattened()
         .iter()
@@ -34,8 +37,12 @@ pub(super) fn distance(
     };
     if !replaced.is_empty() {
         let tree = TriangleTree::new(positions, after);
-        vanished.iter().for_each(|&vertex| take(&tree, point(vertex)));
-        replaced.iter().for_each(|corners| take(&tree, centroid(corners)));
+        vanished
+            .iter()
+            .for_each(|&vertex| take(&tree, point(vertex)));
+        replaced
+            .iter()
+            .for_each(|corners| take(&tree, centroid(corners)));
     }
     if !new.is_empty() {
         let tree = TriangleTree::new(positions, before);

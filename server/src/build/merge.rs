@@ -36,14 +36,18 @@ pub(super) fn merge(
     }
     let cell_of = cells_of(local, fixed, coarse);
     let moved_to = representatives(local, &cell_of);
-    let moved = local.triangles.iter().map(|corners| {
-        corners.map(|vertex| moved_to[cell_of[vertex as usize] as usize])
-    });
+    let moved = local
+        .triangles
+        .iter()
+        .map(|corners| corners.map(|vertex| moved_to[cell_of[vertex as usize] as usize]));
     let at = |corners: &[u32; 3]| corners.map(|vertex| places[vertex as usize]);
-    cancel(moved.filter(|corners| {
-        let [a, b, c] = at(corners);
-        a != b && b != c && c != a
-    }), at)
+    cancel(
+        moved.filter(|corners| {
+            let [a, b, c] = at(corners);
+            a != b && b != c && c != a
+        }),
+        at,
+    )
 }
 
 /// Number of the cell of each vertex, in order of first sight. A fixed vertex is a cell of its own.
@@ -54,8 +58,8 @@ fn cells_of(local: &LocalMesh, fixed: &[bool], cells: u32) -> Vec<u32> {
             let key = if fixed[vertex] {
                 [u32::MAX, vertex as u32, 0, 0]
             } else {
-                let [x, y, z] = local.positions[vertex]
-                    .map(|value| ((value + 0.5) * cells as f32) as u32);
+                let [x, y, z] =
+                    local.positions[vertex].map(|value| ((value + 0.5) * cells as f32) as u32);
                 [local.materials[vertex] as u32, x, y, z]
             };
             let next = numbers.len() as u32;
@@ -66,7 +70,10 @@ fn cells_of(local: &LocalMesh, fixed: &[bool], cells: u32) -> Vec<u32> {
 
 /// The vertex of each cell that lies nearest to the cell's mean.
 fn representatives(local: &LocalMesh, cell_of: &[u32]) -> Vec<u32> {
-    let count = cell_of.iter().max().map_or(0, |&largest| largest as usize + 1);
+    let count = cell_of
+        .iter()
+        .max()
+        .map_or(0, |&largest| largest as usize + 1);
     let mut sums = vec![([0.0f64; 3], 0.0f64); count];
     for (position, &cell) in local.positions.iter().zip(cell_of) {
         let (sum, number) = &mut sums[cell as usize];

@@ -55,8 +55,9 @@ pub(super) fn simplify(
             VertexRule::KeepSeam => SimplifyVertex::Protect,
         })
         .collect();
-    let mut options =
-        SimplifyOptions::ErrorAbsolute | SimplifyOptions::ErrorClamped | SimplifyOptions::Permissive;
+    let mut options = SimplifyOptions::ErrorAbsolute
+        | SimplifyOptions::ErrorClamped
+        | SimplifyOptions::Permissive;
     if prune {
         options |= SimplifyOptions::Prune;
     }
@@ -113,7 +114,9 @@ pub(super) fn partition(
     assert_eq!(indices.len(), total, "indices of every cluster");
     assert!(counts.iter().all(|&count| count > 0), "no empty cluster");
     assert!(
-        indices.iter().all(|&index| (index as usize) < positions.len()),
+        indices
+            .iter()
+            .all(|&index| (index as usize) < positions.len()),
         "indices inside the positions"
     );
     let mut partitions = vec![0; counts.len()];

@@ -41,6 +41,7 @@ use crate::import::Mesh;
 pub use error::BuildError;
 pub use report::{BuildBytes, BuildReport, BuildSeconds, LevelRow};
 pub use steps::PositionStep;
+pub use triangle_tree::{Point, TriangleTree};
 
 /// What a caller chooses.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -98,7 +99,11 @@ pub fn decode_pages(built: &BuiltAsset) -> Result<Vec<DiskForm>, FormatError> {
     let frame_of = |page: &lodestream_format::asset::PageEntry| {
         let range = page.offset as usize..page.offset as usize + page.bytes as usize;
         built.pack.get(range).ok_or_else(|| {
-            FormatError::new("page frame", format!("inside {} bytes", built.pack.len()), page.offset)
+            FormatError::new(
+                "page frame",
+                format!("inside {} bytes", built.pack.len()),
+                page.offset,
+            )
         })
     };
     built

@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use lodestream_format::Cluster;
 use lodestream_format::cluster::{Attributes, NO_GROUP};
+use lodestream_format::disk_form;
 use lodestream_format::hierarchy::{Part, ROOT_ERROR};
 use lodestream_format::limits::{
     MAX_DISK_FORM_BYTES, MAX_PAGE_CLUSTERS, PAGE_WORDS, ROOT_PAGE_TARGET_BYTES,
 };
 use lodestream_format::memory_form::{ClusterHeader, PAGE_HEADER_WORDS, cluster_words};
-use lodestream_format::disk_form;
 use rayon::prelude::*;
 
 use super::dag::{self, Dag};
@@ -59,18 +59,23 @@ pub(super) fn paginate(mesh: &QuantizedMesh, dag: &Dag) -> Pages {
         .flat_map_iter(|&old| {
             let group = number[old as usize];
             let number = &number;
-            dag.groups[old as usize].members.iter().map(move |&cluster| {
-                let cluster = &dag.clusters[cluster as usize];
-                let child_group = match cluster.child_group {
-                    NO_GROUP => NO_GROUP,
-                    child => number[child as usize],
-                };
-                to_format(mesh, cluster, group, child_group)
-            })
+            dag.groups[old as usize]
+                .members
+                .iter()
+                .map(move |&cluster| {
+                    let cluster = &dag.clusters[cluster as usize];
+                    let child_group = match cluster.child_group {
+                        NO_GROUP => NO_GROUP,
+                        child => number[child as usize],
+                    };
+                    to_format(mesh, cluster, group, child_group)
+                })
         })
         .collect();
-    let sizes: Vec<ClusterSize> =
-        clusters.par_iter().map(|cluster| ClusterSize::of(cluster, mesh.attributes)).collect();
+    let sizes: Vec<ClusterSize> = clusters
+        .par_iter()
+        .map(|cluster| ClusterSize::of(cluster, mesh.attributes))
+        .collect();
 
     let mut first = 0;
     let groups = order
@@ -81,7 +86,11 @@ pub(super) fn paginate(mesh: &QuantizedMesh, dag: &Dag) -> Pages {
             (old, first - count..first)
         })
         .collect();
-    let roots = dag.groups.iter().filter(|group| group.parent_error_metres >= ROOT_ERROR).count();
+    let roots = dag
+        .groups
+        .iter()
+        .filter(|group| group.parent_error_metres >= ROOT_ERROR)
+        .count();
     let mut pages = place(groups, &sizes, roots, mesh.attributes);
     pages.dependencies = dependencies(&pages, &clusters);
     pages.clusters = clusters;
@@ -97,8 +106,14 @@ fn order(dag: &Dag) -> Vec<u32> {
             high[axis] = high[axis].max(group.lod_sphere.center[axis] as f64);
         }
     }
-    let extent = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
-    let scale = if extent > 0.0 { ((1 << 21) - 1) as f64 / extent } else { 0.0 };
+    let extent = (0..3)
+        .map(|axis| high[axis] - low[axis])
+        .fold(0.0, f64::max);
+    let scale = if extent > 0.0 {
+        ((1 << 21) - 1) as f64 / extent
+    } else {
+        0.0
+    };
     let curve = |center: [f32; 3]| {
         (0..63).fold(0u64, |code, bit| {
             let axis = bit % 3;
@@ -188,7 +203,9 @@ fn place(
     attributes: Attributes,
 ) -> Pages {
     let fill = |filling: &Filling, range: Range<usize>| {
-        sizes[range].iter().fold(filling.clone(), |sum, size| sum.with(size))
+        sizes[range]
+            .iter()
+            .fold(filling.clone(), |sum, size| sum.with(size))
     };
     let small = ROOT_PAGE_TARGET_BYTES / 4;
     let all_roots = 0..groups[roots - 1].1.end;
@@ -231,7 +248,12 @@ fn place(
         if index < roots {
             root_page_count = pages.len() as u32;
         }
-        placed.push(PlacedGroup { group, clusters, first_page, parts });
+        placed.push(PlacedGroup {
+            group,
+            clusters,
+            first_page,
+            parts,
+        });
     }
     Pages {
         clusters: Vec::new(),
@@ -245,14 +267,19 @@ fn place(
 /// For each page the pages of the groups that hold what its groups became.
 fn dependencies(pages: &Pages, clusters: &[Cluster]) -> Vec<Vec<u32>> {
     let mut parents: Vec<Vec<u32>> = vec![Vec::new(); pages.groups.len()];
-    for cluster in clusters.iter().filter(|cluster| cluster.child_group != NO_GROUP) {
+    for cluster in clusters
+        .iter()
+        .filter(|cluster| cluster.child_group != NO_GROUP)
+    {
         parents[cluster.child_group as usize].push(cluster.group);
     }
     let mut dependencies = vec![Vec::new(); pages.pages.len()];
     for (group, mut parents) in pages.groups.iter().zip(parents) {
         parents.dedup();
         for page in group.pages() {
-            let needed = parents.iter().flat_map(|&parent| pages.groups[parent as usize].pages());
+            let needed = parents
+                .iter()
+                .flat_map(|&parent| pages.groups[parent as usize].pages());
             dependencies[page as usize].extend(needed.filter(|&needed| needed != page));
         }
     }
@@ -264,12 +291,22 @@ fn dependencies(pages: &Pages, clusters: &[Cluster]) -> Vec<Vec<u32>> {
 }
 
 /// A cluster as the format stores it: triangles by material, vertices in order of first use and each once.
-fn to_format(mesh: &QuantizedMesh, cluster: &dag::Cluster, group: u32, child_group: u32) -> Cluster {
+fn to_format(
+    mesh: &QuantizedMesh,
+    cluster: &dag::Cluster,
+    group: u32,
+    child_group: u32,
+) -> Cluster {
     let mut triangles = cluster.triangles.clone();
     triangles.sort_by_key(|triangle| triangle.material);
     let mut used: Vec<u32> = Vec::new();
     let mut local = std::collections::HashMap::new();
-    let mut out = Cluster { level: cluster.level, group, child_group, ..Cluster::default() };
+    let mut out = Cluster {
+        level: cluster.level,
+        group,
+        child_group,
+        ..Cluster::default()
+    };
     for triangle in &triangles {
         out.triangles.push(triangle.vertices.map(|vertex| {
             *local.entry(vertex).or_insert_with(|| {
@@ -280,10 +317,11 @@ fn to_format(mesh: &QuantizedMesh, cluster: &dag::Cluster, group: u32, child_gro
         }));
     }
     for run in triangles.chunk_by(|a, b| a.material == b.material) {
-        out.materials.push(lodestream_format::cluster::MaterialRange {
-            slot: run[0].material,
-            triangle_count: run.len() as u16,
-        });
+        out.materials
+            .push(lodestream_format::cluster::MaterialRange {
+                slot: run[0].material,
+                triangle_count: run.len() as u16,
+            });
     }
     let vertices = || used.iter().map(|&vertex| &mesh.vertices[vertex as usize]);
     out.positions = vertices().map(|vertex| vertex.position).collect();

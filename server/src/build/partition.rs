@@ -25,16 +25,27 @@ pub(super) fn partition(
     let mut counts = Vec::with_capacity(pool.len());
     for &cluster in pool {
         let triangles = &clusters[cluster as usize].triangles;
-        places.extend(triangles.iter().flat_map(|triangle| mesh.places_of(triangle)));
+        places.extend(
+            triangles
+                .iter()
+                .flat_map(|triangle| mesh.places_of(triangle)),
+        );
         counts.push(3 * triangles.len() as u32);
     }
     let partitions = meshopt_seam::partition(&places, &counts, &mesh.places, target);
-    let count = partitions.iter().max().map_or(0, |&largest| largest as usize + 1);
+    let count = partitions
+        .iter()
+        .max()
+        .map_or(0, |&largest| largest as usize + 1);
     let mut groups = vec![Vec::new(); count];
     for (&cluster, &partition) in pool.iter().zip(&partitions) {
         groups[partition as usize].push(cluster);
     }
-    debug_assert!(groups.iter().all(|group| (1..=MAX_GROUP_CLUSTERS).contains(&group.len())));
+    debug_assert!(
+        groups
+            .iter()
+            .all(|group| (1..=MAX_GROUP_CLUSTERS).contains(&group.len()))
+    );
     groups
 }
 

@@ -48,7 +48,9 @@ pub(super) struct QuantizedMesh {
 impl QuantizedMesh {
     /// Places of a triangle's corners.
     pub fn places_of(&self, triangle: &Triangle) -> [u32; 3] {
-        triangle.vertices.map(|vertex| self.place_of[vertex as usize])
+        triangle
+            .vertices
+            .map(|vertex| self.place_of[vertex as usize])
     }
 
     /// Metres of one grid step.
@@ -59,7 +61,9 @@ impl QuantizedMesh {
     /// Local position of a vertex, metres; exact.
     pub fn local_metres(&self, vertex: u32) -> [f32; 3] {
         let step = self.step_metres();
-        self.vertices[vertex as usize].position.map(|q| (q as f64 * step) as f32)
+        self.vertices[vertex as usize]
+            .position
+            .map(|q| (q as f64 * step) as f32)
     }
 }
 
@@ -86,7 +90,10 @@ pub(super) fn quantize(mesh: &Mesh, step: PositionStep) -> Result<QuantizedMesh,
                 let q = on_grid(&mesh.positions[index]);
                 std::array::from_fn(|axis| (q[axis] - center_q[axis]) as i32)
             },
-            normal: mesh.normals.as_ref().map_or([0; 2], |all| octahedral::encode(all[index])),
+            normal: mesh
+                .normals
+                .as_ref()
+                .map_or([0; 2], |all| octahedral::encode(all[index])),
             uv: mesh.uvs.as_ref().map_or([0; 2], |all| {
                 std::array::from_fn(|axis| {
                     let q = uv_grid.quantize(all[index][axis] as f64);
@@ -177,7 +184,10 @@ fn center(positions: impl Iterator<Item = [i64; 3]>) -> [i64; 3] {
 fn uv_base(mesh: &Mesh, grid: Grid) -> [i64; 2] {
     let uvs = mesh.uvs.as_deref().unwrap_or(&[]);
     std::array::from_fn(|axis| {
-        uvs.iter().map(|uv| grid.quantize(uv[axis] as f64)).min().unwrap_or(0)
+        uvs.iter()
+            .map(|uv| grid.quantize(uv[axis] as f64))
+            .min()
+            .unwrap_or(0)
     })
 }
 
@@ -235,7 +245,11 @@ fn check(mesh: &Mesh) -> Result<(), BuildError> {
     let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
     if let Some(index) = mesh.positions.iter().position(|position| !finite(position)) {
         let found = format!("{:?}", mesh.positions[index]);
-        return Err(wrong(format!("position {index}"), "finite numbers".into(), found));
+        return Err(wrong(
+            format!("position {index}"),
+            "finite numbers".into(),
+            found,
+        ));
     }
     let uvs = mesh.uvs.as_deref().unwrap_or(&[]);
     if let Some(index) = uvs.iter().position(|uv| !finite(uv)) {
@@ -243,7 +257,10 @@ fn check(mesh: &Mesh) -> Result<(), BuildError> {
         return Err(wrong(format!("uv {index}"), "finite numbers".into(), found));
     }
     let slots = mesh.material_slots.len().max(1);
-    let slot = mesh.triangle_materials.iter().position(|&slot| slot as usize >= slots);
+    let slot = mesh
+        .triangle_materials
+        .iter()
+        .position(|&slot| slot as usize >= slots);
     if let Some(triangle) = slot {
         let found = mesh.triangle_materials[triangle].to_string();
         return Err(wrong(

@@ -88,8 +88,12 @@ pub(super) fn report(
     encode: Duration,
 ) -> BuildReport {
     let asset = &encoded.asset;
-    let mut levels_table: Vec<LevelRow> =
-        (0..asset.levels).map(|level| LevelRow { level, ..LevelRow::default() }).collect();
+    let mut levels_table: Vec<LevelRow> = (0..asset.levels)
+        .map(|level| LevelRow {
+            level,
+            ..LevelRow::default()
+        })
+        .collect();
     for cluster in &dag.clusters {
         let row = &mut levels_table[cluster.level as usize];
         row.triangles += cluster.triangles.len() as u64;
@@ -117,7 +121,11 @@ pub(super) fn report(
         levels: asset.levels,
         pages: pages.pages.len() as u64,
         bytes: BuildBytes {
-            memory_form: asset.pages.iter().map(|page| 4 * page.memory_words as u64).sum(),
+            memory_form: asset
+                .pages
+                .iter()
+                .map(|page| 4 * page.memory_words as u64)
+                .sum(),
             disk_form: encoded.disk_form_bytes,
             stored: encoded.pack.len() as u64,
             hierarchy: encoded.hierarchy_bytes.len() as u64,
@@ -125,7 +133,10 @@ pub(super) fn report(
         },
         cluster_fill: asset.dag_triangles as f64 / asset.clusters as f64,
         levels_table,
-        seconds: BuildSeconds { build: build.as_secs_f64(), encode: encode.as_secs_f64() },
+        seconds: BuildSeconds {
+            build: build.as_secs_f64(),
+            encode: encode.as_secs_f64(),
+        },
         warnings,
     }
 }

@@ -69,16 +69,25 @@ pub(super) fn simplify(
     floor_metres: f64,
 ) -> Option<Simplified> {
     let local = LocalMesh::new(mesh, triangles);
-    let places: Vec<u32> =
-        local.vertices.iter().map(|&vertex| mesh.place_of[vertex as usize]).collect();
+    let places: Vec<u32> = local
+        .vertices
+        .iter()
+        .map(|&vertex| mesh.place_of[vertex as usize])
+        .collect();
     let at = |corners: &[u32; 3]| corners.map(|vertex| places[vertex as usize]);
     let before = chain(local.triangles.iter().map(at));
     let left = |share: f64| (triangles.len() as f64 * share) as usize;
 
     let mut best: Option<(Vec<[u32; 3]>, f64, bool)> = None;
     for attempt in [Attempt::KeepSeams, Attempt::CrossSeams, Attempt::Merge] {
-        let fewest = best.as_ref().map_or(left(MOST_LEFT) + 1, |(kept, ..)| kept.len());
-        let enough = if attempt == Attempt::Merge { left(MOST_LEFT) } else { left(GOOD_ENOUGH) };
+        let fewest = best
+            .as_ref()
+            .map_or(left(MOST_LEFT) + 1, |(kept, ..)| kept.len());
+        let enough = if attempt == Attempt::Merge {
+            left(MOST_LEFT)
+        } else {
+            left(GOOD_ENOUGH)
+        };
         if fewest <= enough {
             break;
         }
@@ -164,12 +173,16 @@ fn attributes(mesh: &QuantizedMesh, local: &LocalMesh) -> (Vec<f32>, Vec<f32>) {
     if has(Attributes::NORMAL) {
         weights.extend([NORMAL_WEIGHT; 3]);
     }
-    let vertices = || local.vertices.iter().map(|&vertex| &mesh.vertices[vertex as usize]);
+    let vertices = || {
+        local
+            .vertices
+            .iter()
+            .map(|&vertex| &mesh.vertices[vertex as usize])
+    };
     let mut uv_base = [0; 2];
     if has(Attributes::UV) {
-        uv_base = std::array::from_fn(|axis| {
-            vertices().map(|vertex| vertex.uv[axis]).min().unwrap_or(0)
-        });
+        uv_base =
+            std::array::from_fn(|axis| vertices().map(|vertex| vertex.uv[axis]).min().unwrap_or(0));
         weights.extend([UV_WEIGHT * extents_per_uv_step(mesh, local); 2]);
     }
     if has(Attributes::COLOR) {
@@ -200,7 +213,9 @@ fn extents_per_uv_step(mesh: &QuantizedMesh, local: &LocalMesh) -> f32 {
         let side = |to: [f64; 3]| glam::DVec3::from(to) - glam::DVec3::from(a);
         surface += side(b).cross(side(c)).length();
         let [a, b, c] = corners.map(|vertex| {
-            mesh.vertices[local.vertices[vertex as usize] as usize].uv.map(f64::from)
+            mesh.vertices[local.vertices[vertex as usize] as usize]
+                .uv
+                .map(f64::from)
         });
         let side = |to: [f64; 2]| glam::DVec2::from(to) - glam::DVec2::from(a);
         texture += side(b).perp_dot(side(c)).abs();
@@ -211,6 +226,12 @@ fn extents_per_uv_step(mesh: &QuantizedMesh, local: &LocalMesh) -> f32 {
             bounds.1[axis] = bounds.1[axis].max(position[axis]);
         }
     }
-    let extent = (0..3).map(|axis| bounds.1[axis] - bounds.0[axis]).fold(0.0, f32::max);
-    if texture > 0.0 && extent > 0.0 { ((surface / texture).sqrt() / extent as f64) as f32 } else { 0.0 }
+    let extent = (0..3)
+        .map(|axis| bounds.1[axis] - bounds.0[axis])
+        .fold(0.0, f32::max);
+    if texture > 0.0 && extent > 0.0 {
+        ((surface / texture).sqrt() / extent as f64) as f32
+    } else {
+        0.0
+    }
 }

@@ -79,7 +79,11 @@ fn auto(mesh: &Mesh, extent: f64, largest: f64) -> i32 {
     }
     if edges.is_empty() {
         // Nothing has a size; f32's own spacing at the place is as fine as anything can be.
-        return if largest > 0.0 { floor_log2(largest) - 23 } else { -20 };
+        return if largest > 0.0 {
+            floor_log2(largest) - 23
+        } else {
+            -20
+        };
     }
     edges.sort_unstable_by(f64::total_cmp);
     let typical = (edges.iter().map(|edge| edge.ln()).sum::<f64>() / edges.len() as f64).exp();

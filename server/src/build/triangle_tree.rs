@@ -1,7 +1,7 @@
 //! Nearest distance from points to triangles: a four-wide tree of boxes over triangles in Morton order.
 
-/// A point in the unit space of a [`super::local::LocalMesh`].
-pub(super) type Point = [f64; 3];
+/// A point, in the unit of the triangles' positions.
+pub type Point = [f64; 3];
 
 const WIDTH: usize = 4;
 
@@ -11,31 +11,38 @@ struct Bounds {
     max: [f32; 3],
 }
 
-/// Triangles for nearest-distance queries.
+/// Triangles for nearest-distance queries: what the builder measures its error with, and tests and reports likewise.
 #[derive(Debug)]
-pub(super) struct TriangleTree {
+pub struct TriangleTree {
     corners: Vec<[Point; 3]>,
     /// Boxes of triangles, of fours of triangles, and so on; the last level has one box.
     levels: Vec<Vec<Bounds>>,
 }
 
 impl TriangleTree {
-    /// Builds the tree; coordinates within half a unit of the origin sort best, others only slower.
+    /// Builds the tree. Panics where a triangle names a vertex that is not there.
     pub fn new(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Self {
         let at = |vertex: u32| positions[vertex as usize];
-        let mut order: Vec<(u32, u32)> = triangles
-            .iter()
+        let corners = || triangles.iter().map(|corners| around(&corners.map(at)));
+        let bounds = merge(&corners().collect::<Vec<_>>());
+        let mut order: Vec<(u32, u32)> = corners()
             .zip(0..)
-            .map(|(corners, index)| (morton(corners.map(at)), index))
+            .map(|(own, index)| (morton(&own, &bounds), index))
             .collect();
         order.sort_unstable();
-        let sorted = || order.iter().map(|&(_, index)| triangles[index as usize].map(at));
+        let sorted = || {
+            order
+                .iter()
+                .map(|&(_, index)| triangles[index as usize].map(at))
+        };
         let mut levels = vec![sorted().map(|corners| around(&corners)).collect::<Vec<_>>()];
         while let Some(below) = levels.last().filter(|below| below.len() > 1) {
             levels.push(below.chunks(WIDTH).map(merge).collect());
         }
         Self {
-            corners: sorted().map(|corners| corners.map(|corner| corner.map(f64::from))).collect(),
+            corners: sorted()
+                .map(|corners| corners.map(|corner| corner.map(f64::from)))
+                .collect(),
             levels,
         }
     }
@@ -81,7 +88,8 @@ impl TriangleTree {
     }
 }
 
-fn morton(corners: [[f32; 3]; 3]) -> u32 {
+/// Code of the middle of `own` inside `all`.
+fn morton(own: &Bounds, all: &Bounds) -> u32 {
     let spread = |value: u32| {
         // Ten bits to every third (Morton order; e.g. Warren, "Hacker's Delight", 7).
         let mut value = value & 0x3ff;
@@ -91,8 +99,10 @@ fn morton(corners: [[f32; 3]; 3]) -> u32 {
         (value | value << 2) & 0x09249249
     };
     (0..3).fold(0, |code, axis| {
-        let middle = (corners[0][axis] + corners[1][axis] + corners[2][axis]) / 3.0;
-        code | spread(((middle + 0.5) * 1023.0).clamp(0.0, 1023.0) as u32) << axis
+        let middle = 0.5 * (own.min[axis] + own.max[axis]) - all.min[axis];
+        let extent = all.max[axis] - all.min[axis];
+        // 0 where there is no extent: the cast takes NaN to 0.
+        code | spread((middle / extent * 1023.0) as u32) << axis
     })
 }
 
@@ -105,7 +115,11 @@ fn around(corners: &[[f32; 3]; 3]) -> Bounds {
 }
 
 fn merge(all: &[Bounds]) -> Bounds {
-    all.iter().skip(1).fold(all[0], |sum, next| Bounds {
+    let none = Bounds {
+        min: [f32::MAX; 3],
+        max: [f32::MIN; 3],
+    };
+    all.iter().fold(none, |sum, next| Bounds {
         min: std::array::from_fn(|axis| sum.min[axis].min(next.min[axis])),
         max: std::array::from_fn(|axis| sum.max[axis].max(next.max[axis])),
     })
@@ -121,7 +135,7 @@ fn to_bounds(point: Point, bounds: &Bounds) -> f64 {
 }
 
 /// Squared distance from a point to a triangle; also right for triangles without area.
-pub(super) fn to_triangle(point: Point, [a, b, c]: &[Point; 3]) -> f64 {
+fn to_triangle(point: Point, [a, b, c]: &[Point; 3]) -> f64 {
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(&point, a));
     let normal = cross(&ab, &ac);
     let length = dot(&normal, &normal);
@@ -141,8 +155,14 @@ pub(super) fn to_triangle(point: Point, [a, b, c]: &[Point; 3]) -> f64 {
 fn to_segment(point: &Point, a: &Point, b: &Point) -> f64 {
     let (ab, ap) = (sub(b, a), sub(point, a));
     let length = dot(&ab, &ab);
-    let along = if length > 0.0 { (dot(&ap, &ab) / length).clamp(0.0, 1.0) } else { 0.0 };
-    (0..3).map(|axis| (ap[axis] - along * ab[axis]).powi(2)).sum()
+    let along = if length > 0.0 {
+        (dot(&ap, &ab) / length).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    (0..3)
+        .map(|axis| (ap[axis] - along * ab[axis]).powi(2))
+        .sum()
 }
 
 fn sub(a: &Point, b: &Point) -> Point {
@@ -154,7 +174,11 @@ fn dot(a: &Point, b: &Point) -> f64 {
 }
 
 fn cross(a: &Point, b: &Point) -> Point {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 #[cfg(test)]

@@ -197,7 +197,8 @@ fn read_texture(
     Ok(())
 }
 
-/// Offset after rotation after scale. The rotation is counter-clockwise as seen, and `v` points down.
+/// Offset after rotation after scale. The rotation is counter-clockwise as seen, and `v` points down: the sign of the
+/// extension's prose and example. Its GLSL listing turns the other way (KhronosGroup/glTF issue 1563).
 fn read_transform(transform: &TextureTransform, place: &str) -> Read<[f32; 6]> {
     let [scale_u, scale_v] = transform.scale.0.map(f64::from);
     let [offset_u, offset_v] = transform.offset.0.map(f64::from);

@@ -45,7 +45,11 @@ impl Verifier<'_> {
             }
         };
         expect("clusters", asset.clusters, totals.clusters);
-        expect("triangles of all clusters", asset.dag_triangles, totals.triangles);
+        expect(
+            "triangles of all clusters",
+            asset.dag_triangles,
+            totals.triangles,
+        );
         if let Some(hierarchy) = hierarchy {
             let grouped = hierarchy.groups.iter().map(|g| g.cluster_count as u64);
             expect("clusters of all groups", asset.clusters, grouped.sum());
@@ -72,7 +76,8 @@ impl Verifier<'_> {
             match self.runtime.block_on(read) {
                 Ok(bytes) => {
                     hasher.update(&bytes);
-                    whole &= self.pages(hash, asset, hierarchy, first..last + 1, &bytes, &mut totals);
+                    whole &=
+                        self.pages(hash, asset, hierarchy, first..last + 1, &bytes, &mut totals);
                 }
                 Err(error) => {
                     // Nothing after a missing or short piece can be read either.
@@ -90,7 +95,10 @@ impl Verifier<'_> {
     /// The pack holds its pages and nothing else.
     fn pack_name(&mut self, asset: &Asset, found: ContentHash) {
         let path = library::object_path(&asset.pack);
-        let bytes = match self.runtime.block_on(self.library.object_bytes(&asset.pack)) {
+        let bytes = match self
+            .runtime
+            .block_on(self.library.object_bytes(&asset.pack))
+        {
             Ok(bytes) => bytes.unwrap_or(0),
             Err(error) => return self.fault(error),
         };
@@ -176,12 +184,27 @@ fn check_page(
     };
     let found = ContentHash::of(frame);
     let same = found == entry.hash;
-    expect(same, "frame hash", entry.hash.to_string(), found.to_string())?;
+    expect(
+        same,
+        "frame hash",
+        entry.hash.to_string(),
+        found.to_string(),
+    )?;
     let form = DiskForm::parse(frame::decode(frame)?)?;
     let (number, words) = (form.page() as usize, form.memory_words());
-    expect(number == page, "page number", page.to_string(), number.to_string())?;
+    expect(
+        number == page,
+        "page number",
+        page.to_string(),
+        number.to_string(),
+    )?;
     let listed = entry.memory_words as usize;
-    expect(words == listed, "memory words", listed.to_string(), words.to_string())?;
+    expect(
+        words == listed,
+        "memory words",
+        listed.to_string(),
+        words.to_string(),
+    )?;
     let attributes = (asset.attributes, form.attributes());
     expect(
         attributes.0 == attributes.1,

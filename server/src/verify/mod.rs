@@ -158,7 +158,9 @@ impl Verifier<'_> {
 
     /// Hashes what no scene led to.
     fn orphans(&mut self) -> Result<(), LibraryError> {
-        let listed: Vec<_> = self.runtime.block_on(self.library.objects().try_collect())?;
+        let listed: Vec<_> = self
+            .runtime
+            .block_on(self.library.objects().try_collect())?;
         for entry in listed {
             match entry.hash {
                 None => {

@@ -7,7 +7,11 @@ use lodestream_format::scene::{MediaType, Texture};
 /// Reads the image file's header.
 pub(super) fn check(texture: &Texture, bytes: &[u8]) -> Result<(), FormatError> {
     if bytes.len() as u64 != texture.bytes {
-        return Err(FormatError::new("texture bytes", texture.bytes, bytes.len()));
+        return Err(FormatError::new(
+            "texture bytes",
+            texture.bytes,
+            bytes.len(),
+        ));
     }
     let format = match texture.media_type {
         MediaType::Png => ImageFormat::Png,
@@ -19,7 +23,11 @@ pub(super) fn check(texture: &Texture, bytes: &[u8]) -> Result<(), FormatError> 
     let expected = (texture.width, texture.height);
     if found != expected {
         let text = |(width, height): (u32, u32)| format!("{width} x {height} texels");
-        return Err(FormatError::new("texture size", text(expected), text(found)));
+        return Err(FormatError::new(
+            "texture size",
+            text(expected),
+            text(found),
+        ));
     }
     Ok(())
 }

@@ -69,8 +69,7 @@ fn visit_child(
         return;
     }
     let error = child.max_parent_error_metres;
-    let projected_px =
-        projected_error_px(view, instance, child.lod_sphere(), error, NODE_LEVEL);
+    let projected_px = projected_error_px(view, instance, child.lod_sphere(), error, NODE_LEVEL);
     if error_wanted(view, error, projected_px) {
         let item = NodeItem {
             instance: instance_index,

@@ -86,7 +86,12 @@ pub fn requests_brute(
 }
 
 fn groups_of(arrays: &SceneArrays, asset: u32) -> &[Group] {
-    let base = |asset: usize| arrays.assets.get(asset).map(|asset| asset.group_base as usize);
+    let base = |asset: usize| {
+        arrays
+            .assets
+            .get(asset)
+            .map(|asset| asset.group_base as usize)
+    };
     let first = base(asset as usize).unwrap_or(0);
     let end = base(asset as usize + 1).unwrap_or(arrays.groups.len());
     &arrays.groups[first..end]

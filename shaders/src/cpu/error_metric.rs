@@ -130,7 +130,10 @@ mod tests {
         let view = view([0.0, 0.0, 10.0], 0.01);
         let point = Sphere::default();
         let px = projected_error_px(&view, &instance(IDENTITY, [0.0; 3], 1.0), point, 1.0, 0.0);
-        assert!((px - 300.0 / 30f32.to_radians().tan() / 10.0).abs() < 1e-3, "{px}");
+        assert!(
+            (px - 300.0 / 30f32.to_radians().tan() / 10.0).abs() < 1e-3,
+            "{px}"
+        );
         let twice = projected_error_px(&view, &instance(IDENTITY, [0.0; 3], 2.0), point, 1.0, 0.0);
         assert_eq!(twice, 2.0 * px);
     }

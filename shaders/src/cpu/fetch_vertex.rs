@@ -3,6 +3,7 @@
 use glam::{Vec3, Vec4};
 use lodestream_format::memory_form::ClusterView;
 
+use super::view::rel_from_local;
 use crate::SceneArrays;
 use crate::types::{AssetRecord, ClusterItem, InstanceRecord, TRIANGLE_BITS, View};
 
@@ -50,7 +51,11 @@ impl<'a> VisibleCluster<'a> {
     /// Index of the material of a triangle.
     pub fn material(&self, arrays: &SceneArrays, triangle: u32) -> u32 {
         let slot = self.asset.material_base + self.cluster.material_slot(triangle);
-        arrays.material_slots.get(slot as usize).copied().unwrap_or(0)
+        arrays
+            .material_slots
+            .get(slot as usize)
+            .copied()
+            .unwrap_or(0)
     }
 }
 

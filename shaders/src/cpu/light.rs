@@ -2,7 +2,7 @@
 
 use glam::{Vec3, Vec4};
 
-const KEY_DIRECTION: Vec3 = Vec3::new(-0.5025189, 0.7035265, 0.5025189);
+const KEY_DIRECTION: Vec3 = Vec3::new(-0.2996255, 0.6991261, 0.6491886);
 const FILL_DIRECTION: Vec3 = Vec3::new(0.9206016, 0.2166121, -0.3249182);
 const KEY_RADIANCE: Vec3 = Vec3::new(0.74, 0.71, 0.66);
 const FILL_RADIANCE: Vec3 = Vec3::new(0.10, 0.12, 0.15);
@@ -73,7 +73,8 @@ fn hemisphere_specular(
     to_eye: Vec3,
     toward_eye: f32,
 ) -> Vec3 {
-    let fit = Vec4::new(1.0, 0.0425, 1.04, -0.04) + roughness * Vec4::new(-1.0, -0.0275, -0.572, 0.022);
+    let fit =
+        Vec4::new(1.0, 0.0425, 1.04, -0.04) + roughness * Vec4::new(-1.0, -0.0275, -0.572, 0.022);
     let grazing = (fit.x * fit.x).min((-9.28 * toward_eye).exp2()) * fit.x + fit.y;
     let scale = -1.04 * grazing + fit.z;
     let bias = 1.04 * grazing + fit.w;
@@ -105,7 +106,9 @@ mod tests {
     #[test]
     fn lights_are_unit_vectors_and_tone_is_monotone_below_one() {
         assert!(KEY_DIRECTION.is_normalized() && FILL_DIRECTION.is_normalized());
-        let toned: Vec<_> = (0..400).map(|step| tone(Vec3::splat(step as f32 * 0.01)).x).collect();
+        let toned: Vec<_> = (0..400)
+            .map(|step| tone(Vec3::splat(step as f32 * 0.01)).x)
+            .collect();
         assert!(toned.windows(2).all(|pair| pair[0] < pair[1]) && toned[399] < 1.0);
         assert_eq!(toned[50], 0.5);
     }
@@ -118,7 +121,10 @@ mod tests {
             let angle = step as f32 * 0.4;
             let normal = Vec3::new(angle.cos(), (angle * 0.37).sin(), angle.sin()).normalize();
             let lit = light_surface(base, 0.0, 1.0, normal, normal);
-            assert!(lit.cmpgt(Vec3::ZERO).all() && lit.cmplt(Vec3::splat(1.3)).all(), "{lit}");
+            assert!(
+                lit.cmpgt(Vec3::ZERO).all() && lit.cmplt(Vec3::splat(1.3)).all(),
+                "{lit}"
+            );
             assert!(lit.x > lit.y && lit.y > lit.z, "{lit}");
         }
     }
@@ -127,7 +133,10 @@ mod tests {
     fn directions_survive_any_length() {
         for length in [1e-36, 1e-20, 1.0, 1e20, 1e37] {
             let unit = safe_normalize(Vec3::new(3.0, 0.0, -4.0) * length, Vec3::X);
-            assert!((unit - Vec3::new(0.6, 0.0, -0.8)).length() < 1e-6, "{length}");
+            assert!(
+                (unit - Vec3::new(0.6, 0.0, -0.8)).length() < 1e-6,
+                "{length}"
+            );
         }
         assert_eq!(safe_normalize(Vec3::ZERO, Vec3::X), Vec3::X);
         assert_eq!(safe_normalize(Vec3::splat(f32::NAN), Vec3::X), Vec3::X);

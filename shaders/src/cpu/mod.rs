@@ -1,5 +1,6 @@
 //! Twins of the passes: the same f32 operations in the same order, over slices instead of bindings.
 
+pub mod barycentric;
 pub mod compact_requests;
 pub mod cull_clusters;
 pub mod cull_instances;
@@ -7,12 +8,25 @@ pub mod cull_nodes;
 pub mod cut;
 pub mod cut_brute;
 pub mod error_metric;
+pub mod false_color;
+pub mod fetch_vertex;
+pub mod light;
 pub mod prepare;
+pub mod raster;
+pub mod sample_texture;
+pub mod scan;
+pub mod shade;
+pub mod srgb;
+pub mod surface;
+pub mod texture;
 pub mod transcode;
 pub mod view;
 
 pub use cut::{Culled, cut, requests_only};
 pub use cut_brute::{cut_brute, requests_brute};
+pub use raster::{needs_masked, raster, raster_masked, raster_overdraw};
+pub use shade::shade;
+pub use texture::{Textures, build_textures};
 pub use transcode::transcode;
 pub use view::{Camera, CameraError, Capacities, near_for_radius};
 

@@ -47,7 +47,10 @@ mod tests {
     #[test]
     fn every_byte_survives_linear_light() {
         for byte in 0..=255 {
-            assert_eq!(byte_from_unit(srgb_from_linear(linear_from_byte(byte))), byte);
+            assert_eq!(
+                byte_from_unit(srgb_from_linear(linear_from_byte(byte))),
+                byte
+            );
         }
     }
 
@@ -60,6 +63,9 @@ mod tests {
 
     #[test]
     fn no_number_packs_to_black() {
-        assert_eq!(pack_color(Vec3::new(f32::NAN, f32::INFINITY, -1.0)), 0xff00_ff00);
+        assert_eq!(
+            pack_color(Vec3::new(f32::NAN, f32::INFINITY, -1.0)),
+            0xff00_ff00
+        );
     }
 }

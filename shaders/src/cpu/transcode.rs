@@ -66,7 +66,12 @@ fn index_word(form: &DiskForm, first_triangle: u32, header: &ClusterHeader, word
         .take_while(|index| index * bits < start + 32)
         .fold(0, |value, index| {
             let plane = layout.index_planes + (index % 3) as usize * layout.index_plane_words;
-            value | placed(plane_byte(form, plane, first_triangle + index / 3), index * bits, start)
+            value
+                | placed(
+                    plane_byte(form, plane, first_triangle + index / 3),
+                    index * bits,
+                    start,
+                )
         })
 }
 

@@ -107,26 +107,33 @@ impl Camera {
                 found,
             })
         };
-        for (field, vector) in [
-            ("eye", self.eye),
-            ("target", self.target),
-            ("up", self.up),
-        ] {
+        for (field, vector) in [("eye", self.eye), ("target", self.target), ("up", self.up)] {
             if !vector.is_finite() {
                 return fail(field, "finite numbers", vector.to_string());
             }
         }
         let Some(forward) = direction(self.target - self.eye) else {
-            return fail("target", "a point other than the eye", self.target.to_string());
+            return fail(
+                "target",
+                "a point other than the eye",
+                self.target.to_string(),
+            );
         };
-        if direction(self.up).and_then(|up| direction_across(forward, up)).is_none() {
+        if direction(self.up)
+            .and_then(|up| direction_across(forward, up))
+            .is_none()
+        {
             return fail("up", "a direction across the view", self.up.to_string());
         }
         if !FOV_Y_DEGREES.contains(&self.fov_y_degrees) {
             return fail("fov", "0.001..=179 degrees", self.fov_y_degrees.to_string());
         }
         if self.size_px.contains(&0) {
-            return fail("size", "at least one pixel a side", format!("{:?}", self.size_px));
+            return fail(
+                "size",
+                "at least one pixel a side",
+                format!("{:?}", self.size_px),
+            );
         }
         Ok(())
     }
@@ -156,8 +163,13 @@ impl Camera {
         let scale_x = scale_y / aspect(self.size_px);
         let near_metres = near_metres.max(MIN_NEAR_METRES as f32);
         let column = |axis: usize| {
-            [scale_x * right[axis], scale_y * up[axis], 0.0, forward[axis]]
-                .map(|value| value as f32)
+            [
+                scale_x * right[axis],
+                scale_y * up[axis],
+                0.0,
+                forward[axis],
+            ]
+            .map(|value| value as f32)
         };
         let plane = |normal: DVec3, offset: f32| {
             let normal = normal.normalize().as_vec3();
@@ -165,7 +177,12 @@ impl Camera {
         };
         let (eye_high, eye_low) = split(self.eye);
         View {
-            clip_from_rel: [column(0), column(1), column(2), [0.0, 0.0, near_metres, 0.0]],
+            clip_from_rel: [
+                column(0),
+                column(1),
+                column(2),
+                [0.0, 0.0, near_metres, 0.0],
+            ],
             planes_in_rel: [
                 plane(forward + right * scale_x, 0.0),
                 plane(forward - right * scale_x, 0.0),
@@ -234,7 +251,11 @@ impl View {
 /// Workgroups along x, y and z of a 1D pass for `items`, where a workgroup takes `items_a_workgroup`.
 pub fn workgroups(items: u32, items_a_workgroup: u32) -> [u32; 3] {
     let count = items.div_ceil(items_a_workgroup);
-    [count.min(MAX_WORKGROUPS_X), count.div_ceil(MAX_WORKGROUPS_X), 1]
+    [
+        count.min(MAX_WORKGROUPS_X),
+        count.div_ceil(MAX_WORKGROUPS_X),
+        1,
+    ]
 }
 
 /// A local point relative to the eye.

@@ -27,12 +27,19 @@ fn clip(view: &View, eye: DVec3, world: DVec3) -> DVec4 {
 
 #[test]
 fn target_is_the_middle_and_up_is_up() {
-    let camera = camera(DVec3::new(1e7, 2.0, 3.0), DVec3::new(1e7, 2.0, -7.0), DVec3::Y);
+    let camera = camera(
+        DVec3::new(1e7, 2.0, 3.0),
+        DVec3::new(1e7, 2.0, -7.0),
+        DVec3::Y,
+    );
     let view = camera.view(0.05, 1.0);
     let middle = clip(&view, camera.eye, camera.target);
     assert!(middle.x.abs() < 1e-6 && middle.y.abs() < 1e-6);
     assert!((middle.w - 10.0).abs() < 1e-6, "w is the depth");
-    assert!((middle.z / middle.w - 0.005).abs() < 1e-8, "reversed depth near / z");
+    assert!(
+        (middle.z / middle.w - 0.005).abs() < 1e-8,
+        "reversed depth near / z"
+    );
     let above = clip(&view, camera.eye, camera.target + DVec3::Y);
     assert!(above.y > 0.0 && above.x.abs() < 1e-6);
     let right = clip(&view, camera.eye, camera.target + DVec3::X);
@@ -62,15 +69,31 @@ fn degenerate_cameras_still_have_axes() {
     for (eye, target, up, field) in cases {
         let camera = camera(eye, target, up);
         let [right, up, forward] = camera.axes();
-        for (a, b, dot) in [(right, right, 1.0), (up, up, 1.0), (forward, forward, 1.0), (right, up, 0.0), (right, forward, 0.0), (up, forward, 0.0)] {
+        for (a, b, dot) in [
+            (right, right, 1.0),
+            (up, up, 1.0),
+            (forward, forward, 1.0),
+            (right, up, 0.0),
+            (right, forward, 0.0),
+            (up, forward, 0.0),
+        ] {
             assert!((a.dot(b) - dot).abs() < 1e-12, "{camera:?}");
         }
         assert_eq!(camera.check().map_err(|error| error.field), Err(field));
     }
-    let extreme = Camera { fov_y_degrees: f64::NAN, size_px: [0, 0], ..camera(DVec3::ZERO, DVec3::X, DVec3::Y) };
+    let extreme = Camera {
+        fov_y_degrees: f64::NAN,
+        size_px: [0, 0],
+        ..camera(DVec3::ZERO, DVec3::X, DVec3::Y)
+    };
     let view = extreme.view(0.0, 1.0);
     assert!(view.near_metres > 0.0 && view.size_px == [1, 1]);
-    assert!(view.clip_from_rel.iter().flatten().all(|value| value.is_finite()));
+    assert!(
+        view.clip_from_rel
+            .iter()
+            .flatten()
+            .all(|value| value.is_finite())
+    );
     assert_eq!(extreme.check().map_err(|error| error.field), Err("fov"));
 }
 

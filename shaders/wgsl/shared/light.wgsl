@@ -1,8 +1,8 @@
-// The fixed light of every picture, in world space, y up: a hemisphere, a key light from above left, a weak wide fill from
+// The fixed light of every picture, in world space, y up: a hemisphere, a key light from above left in front, a weak wide fill from
 // the right behind. Radiances are linear and divided by pi, so that a white matt surface towards the key comes near 1.
 
 // Unit vectors towards the lights.
-const KEY_DIRECTION = vec3<f32>(-0.5025189, 0.7035265, 0.5025189);
+const KEY_DIRECTION = vec3<f32>(-0.2996255, 0.6991261, 0.6491886);
 const FILL_DIRECTION = vec3<f32>(0.9206016, 0.2166121, -0.3249182);
 const KEY_RADIANCE = vec3<f32>(0.74, 0.71, 0.66);
 const FILL_RADIANCE = vec3<f32>(0.10, 0.12, 0.15);

@@ -8,7 +8,6 @@ use super::Parts;
 use crate::gpu::buffers::{Buffers, create};
 use crate::gpu::device::Gpu;
 use crate::gpu::error::GpuError;
-use crate::gpu::pipelines::Pipelines;
 use crate::gpu::recorder::Recorder;
 
 /// Words of disk forms and spans that one submission takes.
@@ -42,8 +41,7 @@ impl Transcode {
     ) -> Result<(), GpuError> {
         for page in pages {
             let words = page.form.words().len() + page.form.spans().len() * 3;
-            let full =
-                self.staging.len() + words > STAGING_WORDS || self.jobs.len() == MOST_JOBS;
+            let full = self.staging.len() + words > STAGING_WORDS || self.jobs.len() == MOST_JOBS;
             if full && !self.jobs.is_empty() {
                 submit(self)?;
                 self.clear();
@@ -79,7 +77,11 @@ impl Transcode {
     }
 
     /// Copies the batch to the GPU and records its dispatch: a workgroup a cluster, one more a page.
-    pub fn record(&self, parts: &mut Parts<'_>, recorder: &mut Recorder<'_>) -> Result<(), GpuError> {
+    pub fn record(
+        &self,
+        parts: &mut Parts<'_>,
+        recorder: &mut Recorder<'_>,
+    ) -> Result<(), GpuError> {
         let queue = &parts.gpu.queue;
         let jobs = parts.buffers.get("transcode_jobs");
         queue.write_buffer(jobs, 0, bytemuck::cast_slice(&self.jobs));
@@ -101,12 +103,10 @@ impl Transcode {
         let words = STAGING_WORDS.max(largest);
         buffers.replace("staging", create(gpu, "staging", words as u64 * 4, usage)?);
         let bytes = (MOST_JOBS * size_of::<TranscodeJob>()) as u64;
-        buffers.replace("transcode_jobs", create(gpu, "transcode_jobs", bytes, usage)?);
+        buffers.replace(
+            "transcode_jobs",
+            create(gpu, "transcode_jobs", bytes, usage)?,
+        );
         Ok(())
-    }
-
-    /// Builds the pipeline ahead of the first page.
-    pub fn warm(pipelines: &mut Pipelines) -> Result<(), GpuError> {
-        pipelines.get(&passes::TRANSCODE, None).map(|_| ())
     }
 }

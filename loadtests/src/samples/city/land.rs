@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::palette::{GRASS, METAL, ROCK, STONE};
+use super::palette::{GRASS, METAL, ROCK};
 use crate::samples::noise::fractal;
 use crate::samples::number::{lerp, rgb, smoothstep, turn};
 use crate::samples::rock::sculpt;
@@ -51,7 +51,7 @@ pub(super) fn hills(city_metres: f64, seed: u64) -> Model {
 pub(super) fn monument(triangles: u32, seed: u64) -> Model {
     let mut model = Model::new("monument", false, true);
     let world = Frame::world();
-    let granite = model.part(STONE, [0.34, 0.33, 0.33]);
+    let granite = model.part(ROCK, [0.32, 0.31, 0.31]);
     let mut low = 0.0;
     for (half, height) in [
         (7.6, 0.32),

@@ -1,7 +1,9 @@
 //! A city: thousands of instances of a few detailed meshes on a street grid, among hills.
 
 mod car;
+mod crown;
 mod facade;
+mod furniture;
 mod house;
 mod land;
 mod palette;
@@ -94,8 +96,8 @@ fn model(kind: Kind, which: usize, radius_metres: f64, seed: u64) -> Model {
         Kind::House => house::house(which, seed),
         Kind::Tree => tree::tree(which, seed),
         Kind::Car => car::car(which, seed),
-        Kind::Lamp => street::lamp(which),
-        Kind::Bench => street::bench(),
+        Kind::Lamp => furniture::lamp(which),
+        Kind::Bench => furniture::bench(),
     }
 }
 
@@ -182,6 +184,11 @@ mod tests {
                 assert_eq!(surface.uvs.len(), count, "{context}");
                 assert_eq!(surface.colours.len(), count, "{context}");
                 assert_eq!(surface.indices.len() % 3, 0, "{context}");
+                let is_textured = palette::materials()[*material].texture.is_some();
+                assert!(
+                    model.has_uv || !is_textured || surface.indices.is_empty(),
+                    "{context}: textured without coordinates"
+                );
                 assert!(
                     surface
                         .indices
@@ -203,20 +210,20 @@ mod tests {
         }
     }
 
-    /// The share of triangles whose winding agrees with their vertices' normals.
+    /// The share of triangles whose winding agrees with their vertices' normals; 1 where there are none.
     fn agreement(surface: &crate::samples::surface::Surface) -> f64 {
         use glam::DVec3;
         let at =
             |values: &[[f32; 3]], index: u32| DVec3::from(values[index as usize].map(f64::from));
         let triangles = surface.indices.chunks_exact(3);
         let total = triangles.len().max(1) as f64;
-        let agreeing = triangles
+        let opposed = triangles
             .filter(|t| {
                 let [a, b, c] = [0, 1, 2].map(|k| at(&surface.positions, t[k]));
                 let normal: DVec3 = (0..3).map(|k| at(&surface.normals, t[k])).sum();
-                (b - a).cross(c - a).dot(normal) >= 0.0
+                (b - a).cross(c - a).dot(normal) < 0.0
             })
             .count();
-        agreeing as f64 / total
+        1.0 - opposed as f64 / total
     }
 }

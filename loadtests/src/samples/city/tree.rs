@@ -205,7 +205,8 @@ fn fir(model: &mut Model, random: &mut Random) {
                     + across * (1.0 - 0.6 * s)
                     + DVec3::Y * random.between(-0.25, 0.15))
                 .normalize_or(outward)
-                    * (0.60 * (1.05 - 0.45 * s) + 0.14) * (0.50 + 0.5 * reach / 2.1);
+                    * (0.60 * (1.05 - 0.45 * s) + 0.14)
+                    * (0.50 + 0.5 * reach / 2.1);
                 let lit = random.between(0.75, 1.2) * (0.6 + 0.5 * s);
                 surface.pen = rgb([0.05 * lit, 0.115 * lit, 0.045 * lit]);
                 leaf(

@@ -339,3 +339,21 @@ fn only_the_chosen_scene_is_read() {
     file.json.as_object_mut().unwrap().remove("scenes");
     assert_eq!(file.scene().instances.len(), 3);
 }
+
+/// The extension's own example: "only the lower left quadrant of the source image, rotated clockwise 90 degrees".
+#[test]
+fn a_texture_transform_turns_as_its_specification_shows() {
+    let mut file = quad();
+    let view = file.view(&picture(image::ImageFormat::Png));
+    file.json["images"] = json!([{"bufferView": view}]);
+    file.json["textures"] = json!([{"source": 0}]);
+    let transform = json!({"offset": [0, 1], "rotation": 1.57079632679, "scale": [0.5, 0.5]});
+    let texture = json!({"index": 0, "extensions": {"KHR_texture_transform": transform}});
+    file.json["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": texture}}]);
+    let [a, b, c, d, e, f] = file.scene().materials[0].uv_transform.unwrap();
+    for [u, v] in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]] {
+        let [u, v] = [a * u + b * v + c, d * u + e * v + f];
+        let inside = (-1e-6..0.5 + 1e-6).contains(&u) && (0.5 - 1e-6..1.0 + 1e-6).contains(&v);
+        assert!(inside, "{u} {v}");
+    }
+}

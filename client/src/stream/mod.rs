@@ -1,0 +1,49 @@
+//! Streaming: from what culling asks for to pages in the pool. No GPU is needed here.
+//!
+//! ```text
+//! source ── open ──> opened_scene ──> pool (layout), scene_pages (sizes, dependencies)
+//!
+//! requests ─> want (closure, admission) ─> order ─> streamer (get_transport | post_transport) ─> source
+//!               │  governor (pixel error)    │ window (bytes in flight)                            │
+//!               └──── page_state ────────────┴── install <─ decoded <─ page_check <────────────────┘
+//!                                                  │ policy (who leaves)
+//!                                                  └─> changes: evicted, uploads, installed
+//! ```
+//!
+//! `residency` holds the state between these stages and knows neither clock nor network; `streamer` brings both.
+
+mod error;
+mod folder_source;
+mod get_transport;
+mod governor;
+mod http_source;
+mod install;
+mod opened_scene;
+mod order;
+mod page_check;
+mod page_state;
+mod policy;
+mod pool;
+mod post_transport;
+mod residency;
+mod scene_pages;
+mod source;
+mod stats;
+mod streamer;
+mod want;
+mod window;
+
+pub use error::{Retry, StreamError};
+pub use governor::{PixelErrorControl, PixelErrorLimit};
+pub use install::{Changes, Upload};
+pub use opened_scene::{OpenParts, OpenedAsset, OpenedScene};
+pub use order::Fetch;
+pub use page_check::{decode_page, split_frames};
+pub use page_state::{IllegalTransition, PageEvent, PageState};
+pub use policy::{Candidate, DecayedError, EvictionPolicy, LowestError, Lru, smallest};
+pub use pool::{MIN_SLOTS, NOT_INSTALLED, PoolLayout};
+pub use residency::{Residency, ResidencyConfig};
+pub use source::{PageAnswer, Source};
+pub use stats::StreamStats;
+pub use streamer::{Streamer, Transport};
+pub use want::StreamingRequest;

@@ -1,0 +1,449 @@
+//! Residency: which pages are wanted, fetched, kept and installed. A pure state machine: no clock, no I/O, no chance; the
+//! same calls give the same answers.
+//!
+//! A frame calls [`Residency::update`] with the requests that were read back, [`Residency::arrived`] for what came,
+//! [`Residency::next_fetches`] and [`Residency::cancelled`] for what to send and call off, and [`Residency::take_changes`]
+//! for what the GPU has to do. `order.rs` holds the third, `install.rs` the last.
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+
+use lodestream_format::disk_form::DiskForm;
+
+use super::error::{Retry, StreamError};
+use super::governor::{Governor, PixelErrorControl, PixelErrorLimit};
+use super::install::Upload;
+use super::opened_scene::OpenedScene;
+use super::page_state::{PageEvent, PageState};
+use super::policy::{DecayedError, EvictionPolicy};
+use super::pool::{PoolLayout, Slots};
+use super::scene_pages::ScenePages;
+use super::stats::StreamStats;
+use super::want::{Closure, StreamingRequest, Want, admit};
+use super::window::{Ticket, Window};
+
+/// Settings of a [`Residency`].
+pub struct ResidencyConfig {
+    /// Bytes of the page pool.
+    pub pool_bytes: u64,
+    /// Pixel error that the user asked for.
+    pub pixel_error_px: f32,
+    /// Whether the pixel error rises when the pool is too small.
+    pub control: PixelErrorControl,
+    /// Most bytes in flight or waiting for a slot in host memory, whatever the window says.
+    pub max_in_flight_bytes: u64,
+    /// Most pages that one [`Residency::take_changes`] uploads: bounds what streaming adds to a frame.
+    pub max_uploads: usize,
+    /// Updates from a new pixel error to the first requests made with it, at least.
+    pub readback_updates: u32,
+    /// Who leaves.
+    pub policy: Box<dyn EvictionPolicy>,
+}
+
+impl ResidencyConfig {
+    /// The defaults over a pool of `pool_bytes`.
+    pub fn new(pool_bytes: u64) -> Self {
+        Self {
+            pool_bytes,
+            pixel_error_px: 1.0,
+            control: PixelErrorControl::default(),
+            max_in_flight_bytes: 64 << 20,
+            max_uploads: 64,
+            readback_updates: 8,
+            policy: Box::new(DecayedError::default()),
+        }
+    }
+}
+
+/// Updates that a page under way may go unwanted before it is given up: culling flickers at the borders.
+const LINGER_UPDATES: u64 = 4;
+/// Updates without any change that make a settled view.
+const QUIET_UPDATES: u32 = 4;
+/// Wait after the first failure.
+const FIRST_BACK_OFF_SECS: f64 = 0.25;
+/// Longest wait.
+const MAX_BACK_OFF_SECS: f64 = 30.0;
+/// `fetch` of a page that is in none.
+pub(super) const NO_FETCH: u64 = 0;
+/// `slot` of a page that has none.
+pub(super) const NO_SLOT: u32 = u32::MAX;
+
+/// What is known of a page.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PageRecord {
+    pub(super) state: PageState,
+    /// The update that admitted it last.
+    pub(super) wanted_update: u64,
+    /// Its priority then.
+    pub(super) priority_px: f32,
+    /// Installed pages that depend on it.
+    pub(super) installed_dependents: u32,
+    pub(super) slot: u32,
+    pub(super) fetch: u64,
+    failures: u32,
+}
+
+/// A fetch under way.
+#[derive(Debug, Clone)]
+pub(super) struct InFlight {
+    pub(super) ticket: Ticket,
+    /// Pages not yet come.
+    pub(super) pages: Vec<u32>,
+}
+
+/// See the module.
+pub struct Residency {
+    pub(super) pages: ScenePages,
+    pub(super) layout: PoolLayout,
+    pub(super) records: Vec<PageRecord>,
+    pub(super) slots: Slots,
+    pub(super) policy: Box<dyn EvictionPolicy>,
+    pub(super) decoded: BTreeMap<u32, DiskForm>,
+    pub(super) decoded_bytes: u64,
+    /// Root pages before the first `take_changes`.
+    pub(super) roots: Vec<Upload>,
+    /// Admitted and not installed, ascending.
+    pub(super) missing: Vec<u32>,
+    pub(super) fetches: BTreeMap<u64, InFlight>,
+    pub(super) in_flight_bytes: u64,
+    pub(super) last_fetch: u64,
+    pub(super) window: Window,
+    pub(super) update_count: u64,
+    pub(super) quiet_updates: u32,
+    pub(super) stats: StreamStats,
+    pub(super) max_in_flight_bytes: u64,
+    pub(super) max_uploads: usize,
+    closure: Closure,
+    governor: Governor,
+    cancelled: Vec<u64>,
+}
+
+impl Residency {
+    /// Nothing is installed before the first [`Residency::take_changes`], which brings the root pages.
+    ///
+    /// # Errors
+    /// [`StreamError::Pool`] where the pool is too small; [`StreamError::Setting`] where the pixel error is not a positive
+    /// number.
+    pub fn new(scene: &OpenedScene, config: ResidencyConfig) -> Result<Self, StreamError> {
+        check_pixel_error(config.pixel_error_px)?;
+        let layout = PoolLayout::new(scene, config.pool_bytes)?;
+        let pages = ScenePages::new(scene);
+        let forms = scene.assets.iter().flat_map(|opened| &opened.root_pages);
+        let roots = layout.roots.iter().zip(forms).map(|(&place, form)| Upload {
+            page: place.0,
+            word_offset: place.1,
+            form: form.clone(),
+        });
+        let record = PageRecord {
+            state: PageState::Absent,
+            wanted_update: 0,
+            priority_px: 0.0,
+            installed_dependents: 0,
+            slot: NO_SLOT,
+            fetch: NO_FETCH,
+            failures: 0,
+        };
+        let mut residency = Self {
+            roots: roots.collect(),
+            records: vec![record; pages.count() as usize],
+            slots: Slots::new(layout.slot_count),
+            closure: Closure::new(pages.count()),
+            governor: Governor::new(
+                config.control,
+                config.pixel_error_px,
+                config.readback_updates,
+            ),
+            policy: config.policy,
+            decoded: BTreeMap::new(),
+            decoded_bytes: 0,
+            missing: Vec::new(),
+            fetches: BTreeMap::new(),
+            in_flight_bytes: 0,
+            last_fetch: NO_FETCH,
+            window: Window::default(),
+            update_count: 0,
+            quiet_updates: 0,
+            stats: StreamStats::default(),
+            max_in_flight_bytes: config.max_in_flight_bytes,
+            max_uploads: config.max_uploads.max(1),
+            cancelled: Vec::new(),
+            pages,
+            layout,
+        };
+        for page in residency.layout.roots.clone() {
+            residency.step(page.0, PageEvent::Open);
+        }
+        Ok(residency)
+    }
+
+    /// Takes what the GPU read back; once a frame that brought a readback.
+    pub fn update(&mut self, now_secs: f64, requests: &[StreamingRequest]) {
+        self.update_count += 1;
+        let (mut wants, ignored) = self.closure.close(requests, &self.pages);
+        self.stats.ignored_requests += ignored;
+        if let Some(threshold_px) = self.governor.step(&wants, self.layout.slot_count as usize) {
+            wants.retain(|want| want.priority_px > threshold_px);
+        }
+        let records = &self.records;
+        admit(&mut wants, self.layout.slot_count as usize, |page| {
+            records[page as usize].state == PageState::Installed
+        });
+        self.stats.requests += wants.len() as u64;
+        self.stats.pages_wanted = wants.len() as u64;
+        self.want(&wants);
+        self.end_back_offs(now_secs);
+        self.cancel_unwanted();
+        let quiet = self.is_idle() && self.governor.is_steady();
+        self.quiet_updates = if quiet {
+            self.quiet_updates.saturating_add(1)
+        } else {
+            0
+        };
+    }
+
+    /// Marks what is wanted now, and forgets what was wanted before and was not yet asked for.
+    fn want(&mut self, wants: &[Want]) {
+        let before = std::mem::take(&mut self.missing);
+        for &Want { page, priority_px } in wants {
+            self.policy.wanted(page, priority_px, self.update_count);
+            let record = &mut self.records[page as usize];
+            record.wanted_update = self.update_count;
+            record.priority_px = priority_px;
+            if record.state == PageState::Absent {
+                self.stats.faults += 1;
+                self.step(page, PageEvent::Want);
+            }
+            if self.state(page) != PageState::Installed {
+                self.missing.push(page);
+            }
+        }
+        for page in before {
+            if self.state(page) == PageState::Wanted && !self.is_wanted(page) {
+                self.step(page, PageEvent::Forget);
+            }
+        }
+    }
+
+    fn cancel_unwanted(&mut self) {
+        let unwanted = |&page: &u32| !self.lingers(page);
+        let called_off: Vec<u64> = self
+            .fetches
+            .iter()
+            .filter(|(_, fetch)| fetch.pages.iter().all(unwanted))
+            .map(|(&id, _)| id)
+            .collect();
+        for id in called_off {
+            let pages = self
+                .fetches
+                .remove(&id)
+                .map_or(Vec::new(), |fetch| fetch.pages);
+            for page in pages {
+                self.in_flight_bytes -= self.pages.frame_bytes(page) as u64;
+                self.records[page as usize].fetch = NO_FETCH;
+                self.step(page, PageEvent::Cancel);
+            }
+            self.stats.fetches_cancelled += 1;
+            self.cancelled.push(id);
+        }
+    }
+
+    /// Numbers of the fetches to call off, since the last call. What still comes of them does no harm.
+    pub fn cancelled(&mut self) -> Vec<u64> {
+        std::mem::take(&mut self.cancelled)
+    }
+
+    /// Takes a page that came, or the reason why it did not. A page that is not in flight (any more) is passed over.
+    pub fn arrived(&mut self, page: u32, result: Result<DiskForm, StreamError>, now_secs: f64) {
+        if page >= self.pages.count() || self.state(page) != PageState::InFlight {
+            self.stats.pages_superseded += 1;
+            return;
+        }
+        let bytes = self.pages.frame_bytes(page) as u64;
+        self.in_flight_bytes -= bytes;
+        if result.is_ok() {
+            self.window.delivered(bytes);
+        }
+        self.leave_fetch(page, result.is_ok(), now_secs);
+        let local = page - self.pages.asset_pages(page).start;
+        match result {
+            Ok(form) if form.page() == local => {
+                self.stats.pages_fetched += 1;
+                self.stats.bytes_fetched += bytes;
+                self.decoded_bytes += bytes;
+                self.records[page as usize].failures = 0;
+                self.step(page, PageEvent::Arrive);
+                self.decoded.insert(page, form);
+            }
+            Ok(form) => {
+                let expected = format!("page {local} of its asset");
+                let error = lodestream_format::FormatError::new("page", expected, form.page());
+                self.fail(
+                    page,
+                    StreamError::format(format!("scene page {page}"))(error),
+                    now_secs,
+                );
+            }
+            Err(error) => self.fail(page, error, now_secs),
+        }
+    }
+
+    fn leave_fetch(&mut self, page: u32, came: bool, now_secs: f64) {
+        let id = std::mem::replace(&mut self.records[page as usize].fetch, NO_FETCH);
+        if let Entry::Occupied(mut entry) = self.fetches.entry(id) {
+            entry.get_mut().pages.retain(|&other| other != page);
+            if entry.get().pages.is_empty() {
+                let fetch = entry.remove();
+                if came {
+                    self.window.finished(fetch.ticket, now_secs);
+                }
+            }
+        }
+    }
+
+    fn fail(&mut self, page: u32, error: StreamError, now_secs: f64) {
+        let record = &mut self.records[page as usize];
+        record.failures = record.failures.saturating_add(1);
+        let attempts = record.failures;
+        let doubled = FIRST_BACK_OFF_SECS * 2f64.powi(attempts.min(16) as i32 - 1);
+        let wait_secs = match error.retry() {
+            Retry::BackOff => doubled.min(MAX_BACK_OFF_SECS),
+            Retry::After(secs) => {
+                secs.clamp(doubled.min(MAX_BACK_OFF_SECS), 10.0 * MAX_BACK_OFF_SECS)
+            }
+            Retry::Late => MAX_BACK_OFF_SECS,
+        };
+        // Pages that failed together come back spread over a quarter of the wait.
+        let spread = (page.wrapping_mul(0x9e37_79b1) >> 16) as f64 / 65_536.0;
+        let retry_at_secs = now_secs + wait_secs * (1.0 + 0.25 * spread);
+        tracing::warn!(page, attempts, wait_secs, %error, "page failed");
+        self.stats.failures += 1;
+        self.stats.last_failure = Some(error.to_string());
+        self.step(
+            page,
+            PageEvent::Fail {
+                retry_at_secs,
+                attempts,
+            },
+        );
+    }
+
+    /// The pixel error to cull with: what the user asked for, or more where the pool is too small.
+    pub fn pixel_error(&self) -> f32 {
+        self.governor.shown_px()
+    }
+
+    /// Why [`Residency::pixel_error`] is what it is.
+    pub fn pixel_error_limit(&self) -> PixelErrorLimit {
+        self.governor.limit()
+    }
+
+    /// Changes what the user asks for.
+    ///
+    /// # Errors
+    /// [`StreamError::Setting`] where it is not a positive number; the old one stays.
+    pub fn set_pixel_error(&mut self, asked_px: f32) -> Result<(), StreamError> {
+        check_pixel_error(asked_px)?;
+        self.governor.ask(asked_px);
+        self.quiet_updates = 0;
+        Ok(())
+    }
+
+    /// Whether the last updates found all that they wanted installed, nothing is under way, and the pixel error stays.
+    pub fn is_settled(&self) -> bool {
+        self.quiet_updates >= QUIET_UPDATES && self.is_idle()
+    }
+
+    /// Whether all that is missing waits for the end of a back-off, or for a page that does: nothing will change soon.
+    pub fn is_stalled(&self) -> bool {
+        let under_way =
+            !self.fetches.is_empty() || !self.decoded.is_empty() || !self.roots.is_empty();
+        let failed = |&page: &u32| matches!(self.state(page), PageState::Failed { .. });
+        !under_way
+            && self.missing.iter().any(failed)
+            && self.blocked().iter().all(|&blocked| blocked)
+    }
+
+    fn is_idle(&self) -> bool {
+        self.missing.is_empty()
+            && self.fetches.is_empty()
+            && self.decoded.is_empty()
+            && self.roots.is_empty()
+    }
+
+    /// How things stand.
+    pub fn stats(&self) -> StreamStats {
+        let failed = |&&page: &&u32| matches!(self.state(page), PageState::Failed { .. });
+        StreamStats {
+            pages_resident: (self.slots.used() + self.layout.roots.len()) as u64,
+            pages_missing: self.missing.len() as u64,
+            pages_failed: self.missing.iter().filter(failed).count() as u64,
+            fetches_in_flight: self.fetches.len() as u64,
+            bytes_in_flight: self.in_flight_bytes,
+            window_bytes: self.window.bytes().min(self.max_in_flight_bytes),
+            bytes_a_sec: self.window.bytes_a_sec(),
+            latency_secs: self.window.latency_secs(),
+            pool_bytes: self.layout.bytes(),
+            pool_slots: self.layout.slot_count as u64,
+            pixel_error_asked: self.governor.asked_px(),
+            pixel_error_shown: self.governor.shown_px(),
+            ..self.stats.clone()
+        }
+    }
+
+    /// Where everything lies in the pool.
+    pub fn layout(&self) -> &PoolLayout {
+        &self.layout
+    }
+
+    /// State of a scene-wide page; absent past the last one.
+    pub fn page_state(&self, page: u32) -> PageState {
+        self.records
+            .get(page as usize)
+            .map_or(PageState::Absent, |record| record.state)
+    }
+
+    pub(super) fn state(&self, page: u32) -> PageState {
+        self.records[page as usize].state
+    }
+
+    /// Whether the last update admitted the page.
+    pub(super) fn is_wanted(&self, page: u32) -> bool {
+        self.update_count > 0 && self.records[page as usize].wanted_update == self.update_count
+    }
+
+    /// Whether one of the last updates admitted the page, so that the next one may again.
+    pub(super) fn lingers(&self, page: u32) -> bool {
+        self.records[page as usize].wanted_update + LINGER_UPDATES > self.update_count
+    }
+
+    /// Priority of a page when it was admitted last, pixels; 0 past the last page.
+    pub fn priority_px(&self, page: u32) -> f32 {
+        self.records
+            .get(page as usize)
+            .map_or(0.0, |record| record.priority_px)
+    }
+
+    /// Moves a page along the diagram of `page_state.rs`.
+    pub(super) fn step(&mut self, page: u32, event: PageEvent) {
+        let record = &mut self.records[page as usize];
+        match record.state.after(event) {
+            Ok(state) => record.state = state,
+            Err(error) => {
+                tracing::error!(page, %error);
+                self.stats.illegal_transitions += 1;
+                debug_assert!(false, "page {page}: {error}");
+            }
+        }
+    }
+}
+
+fn check_pixel_error(px: f32) -> Result<(), StreamError> {
+    if px > 0.0 && px.is_finite() {
+        return Ok(());
+    }
+    Err(StreamError::Setting {
+        setting: "pixel error",
+        expected: "a positive number of pixels".to_owned(),
+        found: px.to_string(),
+    })
+}

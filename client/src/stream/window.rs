@@ -1,0 +1,142 @@
+//! How many bytes to have in flight: bandwidth times latency, both measured from the fetches themselves.
+//!
+//! After BBR (Cardwell et al., "BBR: Congestion-Based Congestion Control", 2016): the bandwidth is the largest delivery
+//! rate of late, the latency the smallest time of a fetch of late, and twice their product stays in flight. Twice, so that
+//! an estimate that is too small doubles with every round, and the link stays busy while answers wait for the next frame.
+
+use std::collections::VecDeque;
+
+/// Samples older than this no longer count.
+const SAMPLE_LIFE_SECS: f64 = 10.0;
+/// Samples kept at most.
+const MAX_SAMPLES: usize = 256;
+/// Window before the first sample.
+const FIRST_WINDOW_BYTES: u64 = 1 << 20;
+/// A frame is the finest time that a fetch can take as seen from the frame thread.
+const SHORTEST_FETCH_SECS: f64 = 1e-3;
+
+/// Taken when a fetch begins, given back when it ends.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ticket {
+    issued_secs: f64,
+    delivered_bytes: u64,
+}
+
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Window {
+    delivered_bytes: u64,
+    samples: VecDeque<Sample>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    at_secs: f64,
+    bytes_a_sec: f64,
+    fetch_secs: f64,
+}
+
+impl Window {
+    pub(crate) fn issued(&self, now_secs: f64) -> Ticket {
+        Ticket {
+            issued_secs: now_secs,
+            delivered_bytes: self.delivered_bytes,
+        }
+    }
+
+    /// A page of `bytes` came.
+    pub(crate) fn delivered(&mut self, bytes: u64) {
+        self.delivered_bytes += bytes;
+    }
+
+    /// All of a fetch came.
+    pub(crate) fn finished(&mut self, ticket: Ticket, now_secs: f64) {
+        let fetch_secs = (now_secs - ticket.issued_secs).max(SHORTEST_FETCH_SECS);
+        let bytes = self.delivered_bytes - ticket.delivered_bytes;
+        self.samples.push_back(Sample {
+            at_secs: now_secs,
+            bytes_a_sec: bytes as f64 / fetch_secs,
+            fetch_secs,
+        });
+        let stale = |sample: &Sample| now_secs - sample.at_secs > SAMPLE_LIFE_SECS;
+        while self.samples.len() > MAX_SAMPLES || self.samples.front().is_some_and(stale) {
+            self.samples.pop_front();
+        }
+    }
+
+    /// Largest delivery rate of late, bytes a second; 0 before the first sample.
+    pub(crate) fn bytes_a_sec(&self) -> f64 {
+        let rates = self.samples.iter().map(|sample| sample.bytes_a_sec);
+        rates.fold(0.0, f64::max)
+    }
+
+    /// Shortest fetch of late, seconds; 0 before the first sample.
+    pub(crate) fn latency_secs(&self) -> f64 {
+        let times = self.samples.iter().map(|sample| sample.fetch_secs);
+        times.reduce(f64::min).unwrap_or(0.0)
+    }
+
+    /// Bytes to have in flight.
+    pub(crate) fn bytes(&self) -> u64 {
+        if self.samples.is_empty() {
+            return FIRST_WINDOW_BYTES;
+        }
+        (2.0 * self.bytes_a_sec() * self.latency_secs()) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A link of so many bytes a second and so much latency, asked for fetches of 64 KiB at 60 frames a second.
+    /// Gives the share of the link that was used in the last half of the time, and the most seconds of queue.
+    fn drive(link_bytes_a_sec: f64, latency_secs: f64, secs: f64) -> (f64, f64) {
+        const FETCH_BYTES: u64 = 65_536;
+        let mut window = Window::default();
+        let mut fetches: VecDeque<(Ticket, f64)> = VecDeque::new();
+        let (mut link_free_secs, mut late_bytes, mut longest_queue) = (0.0f64, 0, 0.0f64);
+        let frames = (secs * 60.0) as u64;
+        for frame in 0..frames {
+            let now_secs = frame as f64 / 60.0;
+            while let Some(&(ticket, done_secs)) = fetches.front()
+                && done_secs <= now_secs
+            {
+                fetches.pop_front();
+                window.delivered(FETCH_BYTES);
+                window.finished(ticket, now_secs);
+                if frame > frames / 2 {
+                    late_bytes += FETCH_BYTES;
+                }
+            }
+            while fetches.len() < 4 || (fetches.len() as u64) * FETCH_BYTES < window.bytes() {
+                let sent_secs = link_free_secs.max(now_secs + latency_secs);
+                longest_queue = longest_queue.max(sent_secs - now_secs - latency_secs);
+                link_free_secs = sent_secs + FETCH_BYTES as f64 / link_bytes_a_sec;
+                fetches.push_back((window.issued(now_secs), link_free_secs));
+            }
+        }
+        (
+            late_bytes as f64 / (link_bytes_a_sec * secs / 2.0),
+            longest_queue,
+        )
+    }
+
+    #[test]
+    fn any_link_is_kept_busy_without_a_long_queue() {
+        for mbps in [2.0, 10.0, 100.0, 1000.0] {
+            for latency_ms in [1.0, 38.0, 200.0] {
+                let link = mbps * 1e6 / 8.0;
+                let (used, queue) = drive(link, latency_ms / 1e3, 20.0);
+                assert!(used > 0.9, "{mbps} Mbps {latency_ms} ms: {used} used");
+                // Four fetches of 64 KiB or the first window of 1 MiB, whichever is the longer on a slow link, else twice the
+                // product of bandwidth and latency, frame times included.
+                let bound =
+                    (1.1 * (1u64 << 20) as f64 / link).max(3.0 * (latency_ms / 1e3 + 3.0 / 60.0));
+                assert!(
+                    queue < bound,
+                    "{mbps} Mbps {latency_ms} ms: {queue} s of queue"
+                );
+            }
+        }
+    }
+}

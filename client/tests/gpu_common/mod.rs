@@ -1,0 +1,260 @@
+//! What the GPU tests share: an adapter or a visible skip, procedural scenes through the real builder, and both sides of
+//! the bus filled with the same pages.
+
+#![allow(clippy::unwrap_used)] // A test's way to fail.
+#![allow(dead_code)] // Every test file uses its part.
+
+use std::sync::Arc;
+
+use lodestream_client::gpu::{Gpu, PageUpload, Renderer, instance};
+use lodestream_format::disk_form::DiskForm;
+use lodestream_format::scene::{AlphaMode, Instance, Material, SceneAsset, TextureUse, Wrap};
+use lodestream_format::{Asset, Hierarchy, Scene};
+use lodestream_server::build::{BuildOptions, build, decode_pages};
+use lodestream_server::import::Mesh;
+use lodestream_shaders::SceneArrays;
+use lodestream_shaders::cpu::transcode;
+
+/// The adapter, or `None` after a line that says so; with `REQUIRE_GPU=1` its absence fails the test.
+pub fn gpu() -> Option<Gpu> {
+    match Gpu::open(&instance(), None, None) {
+        Ok((gpu, _)) => Some(gpu),
+        Err(error) if std::env::var("REQUIRE_GPU").is_ok_and(|value| value == "1") => {
+            panic!("REQUIRE_GPU=1: {error}")
+        }
+        Err(error) => {
+            println!("SKIPPED: {error}");
+            None
+        }
+    }
+}
+
+/// A scene through the builder, all its pages decoded.
+pub struct TestScene {
+    pub scene: Scene,
+    pub assets: Vec<(Asset, Hierarchy)>,
+    /// Pages of each asset.
+    pub forms: Vec<Vec<DiskForm>>,
+    pub arrays: Arc<SceneArrays>,
+}
+
+impl TestScene {
+    pub fn new(meshes: &[Mesh], scene: Scene) -> Self {
+        let built: Vec<_> = meshes
+            .iter()
+            .map(|mesh| build(mesh, &BuildOptions::default()).unwrap())
+            .collect();
+        let assets: Vec<_> = built
+            .iter()
+            .map(|built| {
+                let pages = built.asset.pages.len() as u32;
+                let hierarchy = Hierarchy::decode(&built.hierarchy_bytes, pages).unwrap();
+                (built.asset.clone(), hierarchy)
+            })
+            .collect();
+        let arrays = SceneArrays::new(&scene, assets.iter().map(|(a, h)| (a, h)));
+        Self {
+            forms: built
+                .iter()
+                .map(|built| decode_pages(built).unwrap())
+                .collect(),
+            arrays: Arc::new(arrays),
+            scene,
+            assets,
+        }
+    }
+
+    /// Where the first `share` of every asset's pages (at least the root pages) lie when packed end to end, and the words
+    /// that they take. A prefix is closed under dependencies.
+    pub fn places(&self, share: f64) -> (Vec<(u32, u32)>, u32) {
+        let (mut places, mut word) = (Vec::new(), 0);
+        for ((asset, _), record) in self.assets.iter().zip(&self.arrays.assets) {
+            let pages = (asset.pages.len() as f64 * share) as u32;
+            for page in 0..pages.max(asset.root_page_count) {
+                places.push((record.page_base + page, word));
+                word += asset.pages[page as usize].memory_words;
+            }
+        }
+        (places, word)
+    }
+
+    pub fn form(&self, page: u32) -> &DiskForm {
+        let bases = &self.arrays.assets;
+        let asset = bases.partition_point(|record| record.page_base <= page) - 1;
+        &self.forms[asset][(page - bases[asset].page_base) as usize]
+    }
+
+    /// The pool as the twins see it, and its page table.
+    pub fn twin_pool(&self, share: f64) -> (Vec<u32>, Vec<u32>) {
+        let (places, words) = self.places(share);
+        let mut pool = vec![0; words as usize];
+        let mut page_table = self.arrays.empty_page_table();
+        for (page, word) in places {
+            let memory = transcode(self.form(page));
+            pool[word as usize..][..memory.len()].copy_from_slice(&memory);
+            page_table[page as usize] = word;
+        }
+        (pool, page_table)
+    }
+
+    /// A renderer with the same pages installed.
+    pub fn renderer(&self, gpu: &Gpu, share: f64, size_px: [u32; 2]) -> Renderer {
+        let (places, words) = self.places(share);
+        let mut renderer = Renderer::new(gpu, self.arrays.clone(), words as u64, size_px).unwrap();
+        let uploads: Vec<_> = places
+            .iter()
+            .map(|&(page, pool_word)| PageUpload {
+                form: self.form(page),
+                pool_word,
+            })
+            .collect();
+        renderer
+            .apply([], &uploads, places.iter().copied())
+            .unwrap();
+        renderer
+    }
+}
+
+/// A torus of `n` x `n` quads with bumps, seam and all; `radius` metres around, a third of that thick.
+pub fn torus(name: &str, n: u32, radius: f32, slots: u32) -> Mesh {
+    let mut mesh = Mesh {
+        name: name.to_owned(),
+        ..Mesh::default()
+    };
+    let (mut normals, mut uvs) = (Vec::new(), Vec::new());
+    for row in 0..=n {
+        for column in 0..=n {
+            let (u, v) = (column as f32 / n as f32, row as f32 / n as f32);
+            // The seam's two sides are the same points, so angles come from the wrapped number.
+            let angle = |at: u32| (at % n) as f32 / n as f32 * std::f32::consts::TAU;
+            let (a, b) = (angle(column), angle(row));
+            let bump = 1.0 + 0.12 * (9.0 * a).sin() * (7.0 * b).cos();
+            let tube = radius / 3.0 * bump;
+            let ring = radius + tube * b.cos();
+            mesh.positions
+                .push([ring * a.cos(), tube * b.sin(), ring * a.sin()]);
+            normals.push([b.cos() * a.cos(), b.sin(), b.cos() * a.sin()]);
+            uvs.push([u * 4.0, v * 2.0]);
+        }
+    }
+    let corner = |row: u32, column: u32| row * (n + 1) + column;
+    for row in 0..n {
+        for column in 0..n {
+            let [a, b, c, d] = [
+                corner(row, column),
+                corner(row, column + 1),
+                corner(row + 1, column),
+                corner(row + 1, column + 1),
+            ];
+            mesh.triangles.extend([[a, c, b], [b, c, d]]);
+            let slot = (column * slots / n) as u16;
+            mesh.triangle_materials.extend([slot, slot]);
+        }
+    }
+    mesh.normals = Some(normals);
+    mesh.uvs = Some(uvs);
+    mesh.material_slots = (0..slots).collect();
+    mesh
+}
+
+/// A square sheet of `n` x `n` quads, waved; no texture coordinates.
+pub fn sheet(n: u32, size: f32) -> Mesh {
+    let mut mesh = Mesh {
+        name: "sheet".to_owned(),
+        material_slots: vec![0],
+        ..Mesh::default()
+    };
+    for row in 0..=n {
+        for column in 0..=n {
+            let (x, z) = (column as f32 / n as f32 - 0.5, row as f32 / n as f32 - 0.5);
+            let y = 0.02 * (40.0 * x).sin() * (31.0 * z).cos();
+            mesh.positions.push([x * size, y * size, z * size]);
+        }
+    }
+    mesh.normals = Some(vec![[0.0, 1.0, 0.0]; mesh.positions.len()]);
+    for row in 0..n {
+        for column in 0..n {
+            let at = row * (n + 1) + column;
+            mesh.triangles
+                .extend([[at, at + n + 1, at + 1], [at + 1, at + n + 1, at + n + 2]]);
+            mesh.triangle_materials.extend([0, 0]);
+        }
+    }
+    mesh
+}
+
+pub fn material(base_color: [f32; 3], double_sided: bool) -> Material {
+    Material {
+        name: String::new(),
+        base_color_factor: [base_color[0], base_color[1], base_color[2], 1.0],
+        base_color: None,
+        emissive_factor: [0.0; 3],
+        metallic: 0.0,
+        roughness: 0.6,
+        alpha_mode: AlphaMode::Opaque,
+        double_sided,
+        unlit: false,
+    }
+}
+
+pub fn textured(texture: u32, alpha_mode: AlphaMode) -> Material {
+    Material {
+        base_color: Some(TextureUse {
+            texture,
+            wrap: [Wrap::Repeat, Wrap::Mirror],
+            nearest: false,
+            uv_transform: TextureUse::IDENTITY,
+        }),
+        alpha_mode,
+        ..material([1.0; 3], true)
+    }
+}
+
+/// A map that scales by `scale`, turns about Y by `turn` radians and moves.
+pub fn placed(asset: u32, scale: [f64; 3], turn: f64, to: [f64; 3]) -> Instance {
+    let (sin, cos) = turn.sin_cos();
+    Instance {
+        asset,
+        world_from_object: [
+            [cos * scale[0], 0.0, sin * scale[2], to[0]],
+            [0.0, scale[1], 0.0, to[1]],
+            [-sin * scale[0], 0.0, cos * scale[2], to[2]],
+        ],
+    }
+}
+
+/// Two assets, five instances: one mirrored, one scaled unevenly, one far away.
+pub fn plain_scene() -> TestScene {
+    let meshes = [torus("torus", 160, 1.0, 3), sheet(96, 8.0)];
+    let used = |name: &str, materials: Vec<u32>| SceneAsset {
+        name: name.to_owned(),
+        asset: lodestream_format::ContentHash::of(name.as_bytes()),
+        materials,
+    };
+    let scene = Scene {
+        assets: vec![used("torus", vec![0, 1, 2]), used("sheet", vec![3])],
+        instances: vec![
+            placed(0, [1.0; 3], 0.0, [0.0, 0.6, 0.0]),
+            placed(0, [-0.5, 0.5, 0.5], 1.0, [-2.2, 0.3, 1.0]),
+            placed(0, [0.4, 1.2, 0.4], 2.0, [2.2, 0.6, -0.5]),
+            placed(0, [1.0; 3], 0.5, [6.0, 0.6, -18.0]),
+            placed(1, [1.0; 3], 0.0, [0.0, -0.2, 0.0]),
+        ],
+        materials: vec![
+            material([0.8, 0.3, 0.2], true),
+            material([0.2, 0.6, 0.3], true),
+            material([0.3, 0.4, 0.8], true),
+            material([0.7, 0.7, 0.6], true),
+        ],
+        ..Scene::default()
+    };
+    TestScene::new(&meshes, scene)
+}
+
+/// Writes what differed where a person can look at it, and says where.
+pub fn keep_picture(name: &str, size_px: [u32; 2], color: &[u32]) -> std::path::PathBuf {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let file = folder.join(format!("{name}.png"));
+    lodestream_client::picture::write_png(&file, size_px, color).unwrap();
+    file
+}

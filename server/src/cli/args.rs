@@ -1,0 +1,154 @@
+//! Subcommands and options.
+
+use std::path::PathBuf;
+
+use clap::{ArgAction, Args, Parser, Subcommand};
+use lodestream_format::frame::Codec;
+
+use super::values::{self, Step};
+use crate::http::DEFAULT_CACHE_BYTES;
+
+/// glTF files become scenes in a library, and HTTP serves them.
+#[derive(Debug, Parser)]
+#[command(version, about)]
+pub(super) struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+    /// Say more on standard error; twice for still more.
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    pub verbose: u8,
+    /// Say nothing but errors and what was asked for.
+    #[arg(short, long, global = true)]
+    pub quiet: bool,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Build a scene from glTF files and publish it.
+    Ingest(IngestArgs),
+    /// Serve a library over HTTP/1.1 and cleartext HTTP/2 on one port.
+    Serve(ServeArgs),
+    /// List the scenes.
+    List(LibraryArgs),
+    /// Show what a scene holds.
+    Show(SceneArgs),
+    /// Take a scene's name away; its objects stay until gc.
+    Remove(SceneArgs),
+    /// Remove the objects that no scene needs.
+    Gc(GcArgs),
+    /// Re-hash and re-parse everything; exit 1 on any fault.
+    Verify(VerifyArgs),
+    /// Write a crack-free cut of a scene as plain meshes.
+    Export(ExportArgs),
+}
+
+/// Options of `ingest`.
+#[derive(Debug, Args)]
+pub(super) struct IngestArgs {
+    /// .glb or .gltf files; several make one scene.
+    #[arg(required = true, value_name = "INPUT")]
+    pub inputs: Vec<PathBuf>,
+    /// Folder (made where there is none), or memory:// for a trial that keeps nothing.
+    #[arg(long, value_name = "LIB")]
+    pub library: String,
+    /// Name to publish under: 1 to 200 of A-Z a-z 0-9 . _ -, a letter or digit first.
+    #[arg(long, value_name = "NAME", value_parser = values::scene_name)]
+    pub scene: String,
+    /// Threads of the build; all cores by default. The result does not depend on it.
+    #[arg(long, value_name = "N", value_parser = values::threads)]
+    pub threads: Option<usize>,
+    /// Refuse what would need more memory: bytes, or a number with KiB, MiB, GiB, kB, MB, GB.
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
+    pub memory_limit: Option<u64>,
+    /// Step of the position grid, rounded down to a power of two.
+    #[arg(long, value_name = "auto|METRES", default_value = "auto", value_parser = values::step)]
+    pub position_step: Step,
+    /// Compression of the pages: zstd, lz4 or none.
+    #[arg(long, value_name = "CODEC", default_value = "zstd", value_parser = values::codec)]
+    pub codec: Codec,
+    /// Write what was done as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+}
+
+/// Options of `serve`.
+#[derive(Debug, Args)]
+pub(super) struct ServeArgs {
+    /// Folder of the library.
+    #[arg(long, value_name = "LIB")]
+    pub library: String,
+    /// Address and port; port 0 takes any free one.
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7878")]
+    pub listen: String,
+    /// Threads that answer; all cores by default.
+    #[arg(long, value_name = "N", value_parser = values::threads)]
+    pub threads: Option<usize>,
+    /// Most bytes of page tables kept in memory; units as in 256MiB.
+    #[arg(long, value_name = "BYTES", default_value_t = DEFAULT_CACHE_BYTES as u64, value_parser = values::bytes)]
+    pub cache_bytes: u64,
+}
+
+/// A library and nothing else.
+#[derive(Debug, Args)]
+pub(super) struct LibraryArgs {
+    /// Folder of the library.
+    #[arg(long, value_name = "LIB")]
+    pub library: String,
+    /// Write the answer as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+}
+
+/// A scene of a library.
+#[derive(Debug, Args)]
+pub(super) struct SceneArgs {
+    /// The scene.
+    #[arg(value_name = "SCENE", value_parser = values::scene_name)]
+    pub scene: String,
+    #[command(flatten)]
+    pub library: LibraryArgs,
+}
+
+/// Options of `gc`.
+#[derive(Debug, Args)]
+pub(super) struct GcArgs {
+    #[command(flatten)]
+    pub library: LibraryArgs,
+    /// Leave objects younger than this, so that an ingest that runs meanwhile is safe.
+    #[arg(long, value_name = "SECONDS", default_value_t = 86_400)]
+    pub grace_secs: u64,
+    /// Only say what would go.
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
+/// Options of `verify`.
+#[derive(Debug, Args)]
+pub(super) struct VerifyArgs {
+    /// Only this scene; the whole library by default.
+    #[arg(value_name = "SCENE", value_parser = values::scene_name)]
+    pub scene: Option<String>,
+    #[command(flatten)]
+    pub library: LibraryArgs,
+}
+
+/// Options of `export`.
+#[derive(Debug, Args)]
+#[command(group(clap::ArgGroup::new("detail").required(true)))]
+pub(super) struct ExportArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Coarsest cut within this error, metres in the world.
+    #[arg(long, value_name = "METRES", group = "detail", value_parser = values::error_metres)]
+    pub error: Option<f64>,
+    /// Finest cut of at most so many triangles, every instance counted.
+    #[arg(long, value_name = "N", group = "detail")]
+    pub triangles: Option<u64>,
+    /// The source triangles.
+    #[arg(long, group = "detail")]
+    pub source: bool,
+    /// .glb: a mesh an asset, instances as nodes, materials and textures. .ply: world-space triangles.
+    #[arg(long, value_name = "FILE", value_parser = values::export_file)]
+    pub out: PathBuf,
+}

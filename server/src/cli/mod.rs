@@ -1,0 +1,78 @@
+//! The command line: `args` is its shape, the other files what each subcommand does.
+//!
+//! Exit 0 on success, 1 on a failed operation, 2 on wrong usage; an error is one line on standard error.
+
+mod args;
+mod commands;
+mod output;
+mod serve;
+mod values;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use clap::error::ErrorKind;
+
+use args::{Cli, Command};
+
+/// Runs the command that the process was started with.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage(&error),
+    };
+    start_log(cli.verbose, cli.quiet);
+    let quiet = cli.quiet;
+    let done = match cli.command {
+        Command::Serve(args) => serve::serve(args),
+        command => commands::run(command, quiet),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            output::error_line(&error.to_string());
+            ExitCode::from(1)
+        }
+    }
+}
+
+/// Help goes out as it is; clap's error of several lines becomes one.
+fn usage(error: &clap::Error) -> ExitCode {
+    if matches!(
+        error.kind(),
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion
+    ) {
+        // Nobody listens to the help any longer: nothing to do.
+        let _ = error.print();
+        return ExitCode::SUCCESS;
+    }
+    let text = match error.kind() {
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            "expected a subcommand with its arguments, found none".to_owned()
+        }
+        _ => error.render().to_string(),
+    };
+    let about = text.split("\n\nUsage:").next().unwrap_or_default();
+    let about = about.split("\n\nFor more").next().unwrap_or_default();
+    let words: Vec<&str> = about.split_whitespace().collect();
+    let line = words.join(" ");
+    let line = line.strip_prefix("error: ").unwrap_or(&line);
+    output::error_line(&format!("{line} (see --help)"));
+    ExitCode::from(2)
+}
+
+fn start_log(verbose: u8, quiet: bool) {
+    let level = match (quiet, verbose) {
+        (true, _) => "error",
+        (_, 0) => "warn",
+        (_, 1) => "info",
+        (_, 2) => "debug",
+        _ => "trace",
+    };
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .init();
+}

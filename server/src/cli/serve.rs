@@ -1,0 +1,39 @@
+//! `serve`: until a signal.
+
+use super::args::ServeArgs;
+use super::commands::CommandError;
+use super::output;
+use crate::http::AppState;
+use crate::http::serve::{Server, stop_signal};
+use crate::library::Library;
+
+/// Serves a library.
+pub(super) fn serve(args: ServeArgs) -> Result<(), CommandError> {
+    let library = Library::open(&args.library)?;
+    let mut builder = tokio::runtime::Builder::new_multi_thread();
+    if let Some(threads) = args.threads {
+        builder.worker_threads(threads);
+    }
+    let runtime = builder
+        .enable_all()
+        .build()
+        .map_err(CommandError::Runtime)?;
+    runtime.block_on(async {
+        let listen = |cause| CommandError::Listen {
+            address: args.listen.clone(),
+            cause,
+        };
+        let server = Server::bind(&args.listen).await.map_err(listen)?;
+        output::line(format_args!("listening on http://{}", server.address()));
+        let state = AppState::new(library, args.cache_bytes as usize);
+        let stopped = async {
+            if let Err(error) = stop_signal().await {
+                tracing::error!("signals: {error}");
+                // Without signals the process can still be killed.
+                std::future::pending::<()>().await;
+            }
+        };
+        server.run(state, stopped).await;
+        Ok(())
+    })
+}

@@ -1,0 +1,127 @@
+//! Visbuffer to colours. Twin of `wgsl/shade.wgsl`.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::false_color::{EMPTY_COLOR, HARDWARE_COLOR, hash, hash_color, level_color, ramp_color};
+use super::fetch_vertex::VisibleCluster;
+use super::light::{SKY_BOTTOM_SRGB, SKY_TOP_SRGB, light_surface, mix, tone};
+use super::srgb::{pack_color, srgb_from_linear};
+use super::surface::Surface;
+use super::texture::Textures;
+use crate::SceneArrays;
+use crate::types::{ClusterItem, ShadeMode, TRIANGLE_BITS, View, material_flag};
+
+/// A colour a pixel: sRGB bytes, RGBA from the low byte. `view.shade_mode` chooses the picture; `fragment_counts` is read
+/// in the overdraw picture alone and may be empty in others.
+pub fn shade(
+    visbuffer: &[u64],
+    visible: &[ClusterItem],
+    arrays: &SceneArrays,
+    pool: &[u32],
+    view: &View,
+    textures: &Textures,
+    fragment_counts: &[u32],
+) -> Vec<u32> {
+    let width = view.size_px[0] as usize;
+    visbuffer
+        .par_iter()
+        .enumerate()
+        .with_min_len(width)
+        .map(|(index, &word)| {
+            if view.shade_mode == ShadeMode::Overdraw as u32 {
+                return overdraw_color(fragment_counts.get(index).copied().unwrap_or(0));
+            }
+            let row = (index / width) as u32;
+            let depth_bits = (word >> 32) as u32;
+            if depth_bits == 0 {
+                return background(view, row);
+            }
+            if view.shade_mode == ShadeMode::Depth as u32 {
+                return depth_color(f32::from_bits(depth_bits));
+            }
+            let (id, pixel) = (word as u32, [(index % width) as u32, row]);
+            let surface = visible
+                .get((id >> TRIANGLE_BITS) as usize)
+                .and_then(|&item| VisibleCluster::new(item, arrays, pool))
+                .and_then(|visible| {
+                    let triangle = id & ((1 << TRIANGLE_BITS) - 1);
+                    Surface::new(visible, triangle, pixel, arrays, view, textures)
+                });
+            // An id that names nothing comes from a foreign visbuffer.
+            surface.map_or(EMPTY_COLOR, |surface| surface_color(view, &surface))
+        })
+        .collect()
+}
+
+fn surface_color(view: &View, surface: &Surface<'_>) -> u32 {
+    const TRIANGLES: u32 = ShadeMode::Triangles as u32;
+    const CLUSTERS: u32 = ShadeMode::Clusters as u32;
+    const GROUPS: u32 = ShadeMode::Groups as u32;
+    const LEVELS: u32 = ShadeMode::Levels as u32;
+    const PAGES: u32 = ShadeMode::Pages as u32;
+    const NORMALS: u32 = ShadeMode::Normals as u32;
+    const RASTER: u32 = ShadeMode::Raster as u32;
+    const MATERIALS: u32 = ShadeMode::Materials as u32;
+    let header = &surface.visible.cluster.header;
+    match view.shade_mode {
+        TRIANGLES => hash_color(hash(cluster_number(surface)) ^ surface.triangle),
+        CLUSTERS => hash_color(cluster_number(surface)),
+        GROUPS => hash_color(
+            surface
+                .visible
+                .asset
+                .group_base
+                .wrapping_add(header.group()),
+        ),
+        LEVELS => level_color(header.level()),
+        PAGES => hash_color(surface.visible.item.page),
+        NORMALS => pack_color(surface.normal * 0.5 + 0.5),
+        RASTER => HARDWARE_COLOR,
+        MATERIALS => hash_color(surface.material_index),
+        _ => shaded_color(surface),
+    }
+}
+
+fn shaded_color(surface: &Surface<'_>) -> u32 {
+    let material = surface.material;
+    let encode = |linear: Vec3| pack_color(Vec3::from(linear.to_array().map(srgb_from_linear)));
+    if material.flags & material_flag::UNLIT != 0 {
+        return encode(surface.base_color.min(Vec3::ONE));
+    }
+    let lit = light_surface(
+        surface.base_color,
+        material.metallic,
+        material.roughness,
+        surface.normal,
+        surface.to_eye,
+    );
+    encode(tone(lit + Vec3::from(material.emissive)))
+}
+
+fn cluster_number(surface: &Surface<'_>) -> u32 {
+    surface.visible.item.page << 11 | surface.visible.item.cluster
+}
+
+fn background(view: &View, row: u32) -> u32 {
+    if view.shade_mode != ShadeMode::Shaded as u32 {
+        return EMPTY_COLOR;
+    }
+    let share = (row as f32 + 0.5) / view.size_px[1] as f32;
+    pack_color(mix(SKY_TOP_SRGB, SKY_BOTTOM_SRGB, share))
+}
+
+fn depth_color(depth: f32) -> u32 {
+    let doublings = -depth.log2();
+    pack_color(Vec3::splat(1.0 - doublings / 20.0))
+}
+
+fn overdraw_color(fragments: u32) -> u32 {
+    if fragments == 0 {
+        return EMPTY_COLOR;
+    }
+    let doublings = fragments.ilog2();
+    let rest = (fragments << 3 >> doublings) & 7;
+    let step = doublings.min(5) * 8 + if doublings >= 5 { 0 } else { rest };
+    ramp_color(step, 40)
+}

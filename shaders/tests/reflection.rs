@@ -1,0 +1,450 @@
+//! WGSL against Rust by reflection: the layout of every struct that crosses the bus, the pass table, the constants.
+
+mod shader_module;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use lodestream_format::hierarchy::{Child, Group, Node, Part};
+use lodestream_shaders::passes::{ALL, PoolAccess};
+use lodestream_shaders::types::*;
+use naga::{AddressSpace, StorageAccess};
+use shader_module::{Field, Kind, Layout, Member, constants, modules, structs};
+
+/// A Rust struct as the GPU has to see it.
+macro_rules! layout {
+    ($type:ident { $($field:ident),* $(,)? }) => {{
+        fn kind<F: Field>(_: impl Fn(&$type) -> &F) -> Kind { F::KIND }
+        fn size<F>(_: impl Fn(&$type) -> &F) -> usize { size_of::<F>() }
+        (stringify!($type), Layout {
+            size: size_of::<$type>(),
+            members: vec![$(Member {
+                name: stringify!($field).to_owned(),
+                offset: std::mem::offset_of!($type, $field),
+                size: size(|value: &$type| &value.$field),
+                kind: kind(|value: &$type| &value.$field),
+            }),*],
+        })
+    }};
+}
+
+fn rust_structs() -> BTreeMap<&'static str, Layout> {
+    BTreeMap::from([
+        layout!(View {
+            clip_from_rel,
+            planes_in_rel,
+            eye_high,
+            pixel_error_px,
+            eye_low,
+            pixels_at_one_metre,
+            forward,
+            near_metres,
+            size_px,
+            instance_count,
+            page_count,
+            shade_mode,
+            flags,
+            node_capacity,
+            cluster_capacity,
+            request_capacity,
+            spare
+        }),
+        layout!(InstanceRecord {
+            translation_high,
+            asset,
+            translation_low,
+            max_scale,
+            linear_x,
+            mirrored,
+            linear_y,
+            spare_0,
+            linear_z,
+            spare_1
+        }),
+        layout!(AssetRecord {
+            node_base,
+            group_base,
+            part_base,
+            page_base,
+            aabb_min,
+            position_step,
+            aabb_max,
+            uv_step,
+            attributes,
+            material_base,
+            spare
+        }),
+        layout!(Child {
+            lod_center,
+            lod_radius,
+            aabb_min,
+            max_parent_error_metres,
+            aabb_max,
+            reference
+        }),
+        layout!(Node { children }),
+        layout!(Group {
+            lod_center,
+            lod_radius,
+            parent_error_metres,
+            first_part,
+            part_count,
+            first_page,
+            level,
+            cluster_count,
+            triangle_count,
+            spare
+        }),
+        layout!(Part {
+            first_cluster,
+            cluster_count
+        }),
+        layout!(NodeItem { instance, node }),
+        layout!(ClusterItem {
+            instance,
+            page,
+            cluster,
+            page_word
+        }),
+        layout!(RequestRecord { page, priority_px }),
+        layout!(Counters {
+            node_count,
+            next_node_count,
+            candidate_count,
+            visible_count,
+            request_count,
+            instances_drawn,
+            nodes_visited,
+            triangles_drawn,
+            node_count_max,
+            spare
+        }),
+        layout!(IndirectArgs {
+            nodes,
+            spare_0,
+            clusters,
+            spare_1,
+            raster
+        }),
+        layout!(TranscodeJob {
+            disk_word,
+            span_word,
+            pool_word,
+            tables_word
+        }),
+        layout!(MaterialRecord {
+            base_color,
+            emissive,
+            alpha_cutoff,
+            uv_row_u,
+            texture,
+            uv_row_v,
+            flags,
+            metallic,
+            roughness,
+            spare
+        }),
+        layout!(TextureRecord {
+            first_word,
+            width,
+            height,
+            mip_count
+        }),
+    ])
+}
+
+/// What differs: the Rust fields must tile the struct, and each WGSL member lie in the field of its name (one field may be
+/// several members: `nodes` is `nodes_x`, `nodes_y`, `nodes_z`), with the same kind of number.
+fn differences(name: &str, rust: &Layout, wgsl: &Layout) -> Vec<String> {
+    let mut found = Vec::new();
+    if rust.size != wgsl.size {
+        found.push(format!(
+            "{name}: {} bytes in Rust, {} in WGSL",
+            rust.size, wgsl.size
+        ));
+    }
+    let mut end = 0;
+    for field in &rust.members {
+        if field.offset != end {
+            found.push(format!(
+                "{name}: a gap or a field not named here before {}",
+                field.name
+            ));
+        }
+        end = field.offset + field.size;
+        let inside = |member: &&Member| {
+            member.offset < field.offset + field.size && member.offset + member.size > field.offset
+        };
+        let members: Vec<_> = wgsl.members.iter().filter(inside).collect();
+        let named = members.iter().all(|member| {
+            (member.name == field.name || member.name.starts_with(&format!("{}_", field.name)))
+                && member.kind == field.kind
+        });
+        let covered: usize = members.iter().map(|member| member.size).sum();
+        let inside = members.iter().all(|member| {
+            member.offset >= field.offset
+                && member.offset + member.size <= field.offset + field.size
+        });
+        if !named || !inside || covered != field.size {
+            found.push(format!(
+                "{name}.{}: {field:?} in Rust, {members:?} in WGSL",
+                field.name
+            ));
+        }
+    }
+    if end != rust.size {
+        found.push(format!("{name}: {end} of {} bytes have a name", rust.size));
+    }
+    found
+}
+
+#[test]
+fn structs_lie_alike() {
+    let rust = rust_structs();
+    let mut found = Vec::new();
+    let mut met = BTreeSet::new();
+    for (pass, module) in modules() {
+        for (name, wgsl, crosses) in structs(&module) {
+            match rust.get(name.as_str()) {
+                Some(layout) => {
+                    found.extend(differences(&name, layout, &wgsl));
+                    met.insert(name);
+                }
+                None if crosses => found.push(format!(
+                    "{}: {name} crosses the bus and has no Rust struct",
+                    pass.name
+                )),
+                None => {}
+            }
+        }
+    }
+    for name in rust.keys().filter(|name| !met.contains(**name)) {
+        found.push(format!("{name}: in no pass"));
+    }
+    found.dedup();
+    assert!(found.is_empty(), "\n{}", found.join("\n"));
+}
+
+#[test]
+fn a_moved_field_is_found() {
+    let rust = rust_structs();
+    let group = &rust["Group"];
+    let mut moved = group.clone();
+    moved.members.swap(3, 4);
+    let offset = moved.members[3].offset;
+    moved.members[3].offset = moved.members[4].offset;
+    moved.members[4].offset = offset;
+    assert!(differences("Group", group, group).is_empty());
+    assert_eq!(differences("Group", group, &moved).len(), 2);
+}
+
+#[test]
+fn bindings_are_those_of_the_table() {
+    let mut found = Vec::new();
+    for (pass, module) in modules() {
+        let mut bound = BTreeMap::new();
+        for (_, variable) in module.global_variables.iter() {
+            let Some(binding) = variable.binding else {
+                continue;
+            };
+            let name = variable.name.clone().unwrap_or_default();
+            if binding.group != 0 {
+                found.push(format!(
+                    "{}: {name} is in group {}",
+                    pass.name, binding.group
+                ));
+            }
+            bound.insert(binding.binding as usize, (name, variable.space));
+        }
+        let pools = if pass.pool == PoolAccess::None {
+            0
+        } else {
+            shader_module::POOL.count as usize
+        };
+        let expected: Vec<String> = pass
+            .bindings
+            .iter()
+            .map(|name| name.to_string())
+            .chain((0..pools).map(|index| format!("pool_{index}")))
+            .collect();
+        let names: Vec<String> = bound.values().map(|(name, _)| name.clone()).collect();
+        if names != expected || !bound.keys().copied().eq(0..expected.len()) {
+            found.push(format!(
+                "{}: {expected:?} in the table, {bound:?} in WGSL",
+                pass.name
+            ));
+        }
+        for (name, space) in bound.values() {
+            let writes = matches!(space, AddressSpace::Storage { access } if access.contains(StorageAccess::STORE));
+            if !matches!(space, AddressSpace::Storage { .. }) || (name == "view" && writes) {
+                found.push(format!("{}: {name} is bound as {space:?}", pass.name));
+            }
+            if name.starts_with("pool_") && writes != (pass.pool == PoolAccess::Write) {
+                found.push(format!("{}: {name} writes {writes}", pass.name));
+            }
+        }
+    }
+    assert!(found.is_empty(), "\n{}", found.join("\n"));
+}
+
+#[test]
+fn entry_points_are_those_of_the_table() {
+    let known: BTreeSet<&str> = ALL
+        .iter()
+        .flat_map(|pass| pass.entry_points)
+        .copied()
+        .collect();
+    for (pass, module) in modules() {
+        let there: BTreeSet<&str> = module
+            .entry_points
+            .iter()
+            .map(|entry| entry.name.as_str())
+            .collect();
+        assert!(
+            pass.entry_points.iter().all(|name| there.contains(name)),
+            "{}: {there:?}",
+            pass.name
+        );
+        assert!(
+            there.is_subset(&known),
+            "{}: {there:?} has one that no pass names",
+            pass.name
+        );
+    }
+}
+
+fn rust_constants() -> BTreeMap<&'static str, f64> {
+    use lodestream_format::cluster::{Attributes, NO_GROUP};
+    use lodestream_format::disk_form::{self, header_word};
+    use lodestream_format::hierarchy::{LEAF_FLAG, NO_CHILD, ROOT_ERROR};
+    use lodestream_format::limits::HIERARCHY_WIDTH;
+    use lodestream_format::memory_form::{self, cluster_word, page_word};
+    use lodestream_format::octahedral::NORMAL_BITS;
+    use lodestream_shaders::cpu::{error_metric, prepare, view};
+
+    let whole = [
+        ("NOT_INSTALLED", NOT_INSTALLED as usize),
+        ("TRIANGLE_BITS", TRIANGLE_BITS as usize),
+        ("VIEW_FLAG_REFERENCE", view_flag::REFERENCE as usize),
+        ("WORKGROUP_THREADS", view::WORKGROUP_THREADS as usize),
+        ("MAX_WORKGROUPS_X", view::MAX_WORKGROUPS_X as usize),
+        ("NODE_THREADS", prepare::NODE_THREADS as usize),
+        ("RASTER_VERTICES", prepare::RASTER_VERTICES as usize),
+        ("HIERARCHY_WIDTH", HIERARCHY_WIDTH),
+        ("LEAF_FLAG", LEAF_FLAG as usize),
+        ("NO_CHILD", NO_CHILD as usize),
+        ("NO_GROUP", NO_GROUP as usize),
+        ("MAGIC", memory_form::MAGIC as usize),
+        ("PAGE_HEADER_WORDS", memory_form::PAGE_HEADER_WORDS),
+        ("CLUSTER_HEADER_WORDS", memory_form::CLUSTER_HEADER_WORDS),
+        (
+            "MATERIAL_TABLE_FLAG",
+            memory_form::MATERIAL_TABLE_FLAG as usize,
+        ),
+        ("NORMAL_BITS", NORMAL_BITS as usize),
+        ("PAGE_WORD_MAGIC", page_word::MAGIC),
+        ("PAGE_WORD_CLUSTER_COUNT", page_word::CLUSTER_COUNT),
+        ("PAGE_WORD_WORDS", page_word::WORDS),
+        ("PAGE_WORD_ATTRIBUTES", page_word::ATTRIBUTES),
+        ("PAGE_WORD_PAGE", page_word::PAGE),
+        ("PAGE_WORD_TABLES", page_word::TABLES),
+        ("CLUSTER_WORD_COUNTS", cluster_word::COUNTS),
+        ("CLUSTER_WORD_ORIGIN", cluster_word::ORIGIN),
+        ("CLUSTER_WORD_WIDTHS", cluster_word::WIDTHS),
+        ("CLUSTER_WORD_COLOR_WIDTHS", cluster_word::COLOR_WIDTHS),
+        ("CLUSTER_WORD_PAYLOAD", cluster_word::PAYLOAD),
+        ("CLUSTER_WORD_UV_MIN", cluster_word::UV_MIN),
+        ("CLUSTER_WORD_COLOR_MIN", cluster_word::COLOR_MIN),
+        ("CLUSTER_WORD_MATERIALS", cluster_word::MATERIALS),
+        ("CLUSTER_WORD_CHILD_GROUP", cluster_word::CHILD_GROUP),
+        ("CLUSTER_WORD_GROUP", cluster_word::GROUP),
+        ("CLUSTER_WORD_EXTENT", cluster_word::EXTENT),
+        ("ATTRIBUTE_NORMAL", Attributes::NORMAL as usize),
+        ("ATTRIBUTE_UV", Attributes::UV as usize),
+        ("ATTRIBUTE_COLOR", Attributes::COLOR as usize),
+        ("DISK_HEADER_WORDS", disk_form::HEADER_WORDS),
+        ("DISK_COLUMNS", disk_form::COLUMNS),
+        ("DISK_FIELDS", disk_form::FIELDS),
+        ("DISK_WORD_ATTRIBUTES", header_word::ATTRIBUTES),
+        ("DISK_WORD_CLUSTER_COUNT", header_word::CLUSTER_COUNT),
+        ("DISK_WORD_PAGE", header_word::PAGE),
+        ("DISK_WORD_VERTEX_COUNT", header_word::VERTEX_COUNT),
+        ("DISK_WORD_TRIANGLE_COUNT", header_word::TRIANGLE_COUNT),
+        ("DISK_WORD_TABLE_WORDS", header_word::TABLE_WORDS),
+        ("DISK_WORD_MEMORY_WORDS", header_word::MEMORY_WORDS),
+        ("DISK_WORD_PLANE_WIDTHS", header_word::PLANE_WIDTHS),
+        (
+            "CLUSTER_SPAN_WORDS",
+            size_of::<disk_form::ClusterSpan>() / 4,
+        ),
+        ("TRANSCODE_THREADS", view::WORKGROUP_THREADS as usize),
+    ];
+    let real = [
+        ("CLUSTER_SLACK", view::CLUSTER_SLACK),
+        ("GROUP_SLACK", view::GROUP_SLACK),
+        ("NODE_SLACK", view::NODE_SLACK),
+        ("ROOT_ERROR", ROOT_ERROR),
+        ("LEVEL_SLACK", error_metric::LEVEL_SLACK),
+        ("NODE_LEVEL", error_metric::NODE_LEVEL),
+        ("SMALLEST_PRIORITY_PX", error_metric::SMALLEST_PRIORITY_PX),
+        ("LARGEST_PRIORITY_PX", error_metric::LARGEST_PRIORITY_PX),
+        ("ROOT_PRIORITY_PX", error_metric::ROOT_PRIORITY_PX),
+    ];
+    let whole = whole.map(|(name, value)| (name, value as f64));
+    whole
+        .into_iter()
+        .chain(real.map(|(name, value)| (name, value as f64)))
+        .collect()
+}
+
+#[test]
+fn constants_are_rusts() {
+    let rust = rust_constants();
+    let mut met = BTreeSet::new();
+    let mut found = BTreeSet::new();
+    for (pass, module) in modules() {
+        let of_culling = pass.name.starts_with("cull")
+            || pass.name.starts_with("prepare")
+            || ["transcode", "compact_requests"].contains(&pass.name);
+        for (name, value) in constants(&module) {
+            match rust.get(name.as_str()) {
+                Some(&expected) if value == Some(expected) => _ = met.insert(name),
+                Some(expected) => {
+                    _ = found.insert(format!("{name}: {expected} in Rust, {value:?} in WGSL"))
+                }
+                None if of_culling => {
+                    _ = found.insert(format!("{name} of {} is compared with nothing", pass.name))
+                }
+                None => {}
+            }
+        }
+    }
+    found.extend(
+        rust.keys()
+            .filter(|name| !met.contains(**name))
+            .map(|name| format!("{name}: in no pass")),
+    );
+    assert!(found.is_empty(), "\n{found:#?}");
+}
+
+#[test]
+fn workgroups_are_as_large_as_the_host_dispatches_for() {
+    for (pass, module) in modules() {
+        for entry in module
+            .entry_points
+            .iter()
+            .filter(|entry| pass.entry_points.contains(&entry.name.as_str()))
+        {
+            let threads: u32 = entry.workgroup_size.iter().product();
+            let expected = match pass.name {
+                name if name.starts_with("prepare") => 1,
+                name if name.starts_with("cull")
+                    || ["transcode", "compact_requests"].contains(&name) =>
+                {
+                    64
+                }
+                _ => continue,
+            };
+            assert_eq!(threads, expected, "{}", pass.name);
+        }
+    }
+}
