@@ -19,9 +19,9 @@ step "making a city of many instances, and a rock"
 "$loadtests" sample rock --out "$out/rock.glb"
 
 step "ingesting: clusters, hierarchy, pages"
-for scene in sculpture city rock; do
+for scene in belweder city rock; do
   file=$out/$scene.glb
-  [ "$scene" = sculpture ] && file=loadtests/samples/sculpture.glb
+  [ "$scene" = belweder ] && file=loadtests/samples/belweder.glb
   "$server" ingest "$file" --library "$library" --scene "$scene" --report "$out/build-$scene.json"
 done
 "$server" list --library "$library"
@@ -39,16 +39,16 @@ url=$(sed -n 's/^listening on //p' "$out/serve.out")
 echo "$url"
 
 step "pictures, streamed over HTTP"
-for scene in sculpture city rock; do
+for scene in belweder city rock; do
   "$client" render "$url" --scene "$scene" --size 960x540 --out "$out/$scene.png" --depth "$out/$scene.pfm" --report "$out/draw-$scene@1.json"
   "$client" render "$url" --scene "$scene" --size 960x540 --reference --out "$out/$scene-reference.png" --depth "$out/$scene-reference.pfm" --quiet
   "$loadtests" compare "$out/$scene.png" "$out/$scene-reference.png" --depths "$out/$scene.pfm" "$out/$scene-reference.pfm" --report "$out/compare-$scene@1.json"
 done
-"$client" render "$url" --scene sculpture --size 960x540 --mode clusters --out "$out/sculpture-clusters.png" --quiet
+"$client" render "$url" --scene belweder --size 960x540 --mode clusters --out "$out/belweder-clusters.png" --quiet
 "$client" render "$url" --scene city --size 960x540 --mode levels --out "$out/city-levels.png" --quiet
 
 step "camera paths, streamed over HTTP"
-for scene in sculpture city; do
+for scene in belweder city; do
   mkdir -p "$out/frames/$scene"
   "$client" play "$url" --scene "$scene" --path "loadtests/samples/$scene.path.json" --frames "$out/frames/$scene" \
     --trace "$out/$scene.trace" --report "$out/play-$scene.json"

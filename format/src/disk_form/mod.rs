@@ -8,11 +8,14 @@
 //! order: the bytes of x, y, z from low to high, then normal u, v, then texture u, v, then r, g, b, a. Values are what the
 //! memory form packs: offsets from the cluster's smallest value. `transcode` turns this into the memory form.
 
+mod check;
 mod encode;
+mod form;
 mod parse;
 
 pub use encode::encode;
-pub use parse::{ClusterSpan, DiskForm};
+pub use form::DiskForm;
+pub use parse::ClusterSpan;
 
 use crate::cluster::Attributes;
 use crate::memory_form::CLUSTER_HEADER_WORDS;

@@ -41,9 +41,15 @@ pub(super) fn largest_error<'a>(members: impl Iterator<Item = &'a Cluster>) -> f
 }
 
 /// Error of a group's replacement, metres. By the triangle inequality the distance to the source is at most the members'
-/// own distance plus that of this step; the simplifier's error, which weighs attributes in, may be larger still.
-pub(super) fn parent_error(members_error: f32, simplified: &Simplified) -> f32 {
+/// own distance plus that of this step; the simplifier's error, which weighs attributes in, may be larger still. Nothing
+/// is farther off than the lod sphere is wide, which holds both surfaces and only grows toward the root.
+pub(super) fn parent_error(
+    members_error: f32,
+    simplified: &Simplified,
+    lod_sphere: &Sphere,
+) -> f32 {
     let surface = members_error as f64 + simplified.distance_metres;
+    let error = surface.max(simplified.weighed_error_metres);
     // Below the root's, whatever the size of the mesh.
-    round_up(surface.max(simplified.weighed_error_metres)).min(ROOT_ERROR / 2.0)
+    round_up(error.min(2.0 * lod_sphere.radius as f64)).min(ROOT_ERROR / 2.0)
 }

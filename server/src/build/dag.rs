@@ -190,12 +190,12 @@ impl Dag {
             };
             self.groups_with_moved_open_edges += usize::from(simplified.open_edges_moved);
             let members_error = bounds::largest_error(self.members(&members));
-            let error_metres = bounds::parent_error(members_error, &simplified);
+            let lod_sphere = bounds::lod_sphere(self.members(&members));
+            let error_metres = bounds::parent_error(members_error, &simplified, &lod_sphere);
             let child_group = self.groups.len() as u32;
-            let (level, lod_sphere) = self.add_group(members, round, error_metres);
+            let level = self.add_group(members, round, lod_sphere, error_metres) + 1;
             for triangles in clusters {
                 pool.push(self.clusters.len() as u32);
-                let level = level + 1;
                 self.clusters.push(Cluster {
                     triangles,
                     child_group,
@@ -208,18 +208,19 @@ impl Dag {
         pool
     }
 
+    /// Gives the group's level.
     fn add_group(
         &mut self,
         members: Vec<u32>,
         round: u32,
+        lod_sphere: Sphere,
         parent_error_metres: f32,
-    ) -> (u8, Sphere) {
+    ) -> u8 {
         let level = self
             .members(&members)
             .map(|cluster| cluster.level)
             .max()
             .unwrap_or(0);
-        let lod_sphere = bounds::lod_sphere(self.members(&members));
         self.groups.push(Group {
             members,
             level,
@@ -227,12 +228,13 @@ impl Dag {
             lod_sphere,
             parent_error_metres,
         });
-        (level, lod_sphere)
+        level
     }
 
     fn add_roots(&mut self, mesh: &QuantizedMesh, pool: &[u32], round: u32) {
         for members in partition(mesh, &self.clusters, pool, LARGE_GROUP_CLUSTERS) {
-            self.add_group(members, round, ROOT_ERROR);
+            let lod_sphere = bounds::lod_sphere(self.members(&members));
+            self.add_group(members, round, lod_sphere, ROOT_ERROR);
         }
     }
 }
