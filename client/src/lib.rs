@@ -5,13 +5,25 @@
 
 pub mod camera;
 pub mod path;
+pub mod stream;
 
 #[cfg(feature = "gpu")]
 pub mod cut_file;
+#[cfg(feature = "gpu")]
+pub mod error;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 #[cfg(feature = "gpu")]
 pub mod picture;
 #[cfg(feature = "gpu")]
+pub mod play;
+#[cfg(feature = "gpu")]
+pub mod reference;
+#[cfg(feature = "gpu")]
+pub mod render;
+#[cfg(feature = "gpu")]
 pub mod report;
-pub mod stream;
+#[cfg(feature = "gpu")]
+pub mod session;
+#[cfg(feature = "gpu")]
+pub mod view;

@@ -318,6 +318,11 @@ impl Renderer {
             .write_buffer(self.buffers.get(name), 0, bytes);
     }
 
+    /// Builds and binds what `work` needs, ahead of its first frame.
+    pub fn prepare(&mut self, work: Work) -> Result<(), GpuError> {
+        self.bind(work)
+    }
+
     fn write_view(&self, view: &View) {
         let capacities = self.buffers.capacities();
         let view = View {

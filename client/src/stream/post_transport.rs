@@ -59,8 +59,10 @@ impl PostTransport {
         now_secs: f64,
         shared: &Shared,
     ) {
-        for pages in cancelled.iter().filter_map(|id| self.fetches.remove(id)) {
-            pages.for_each(|page| self.arrived(page));
+        for pages in cancelled.iter().map(|id| self.fetches.remove(id)) {
+            for page in pages.unwrap_or_default() {
+                self.outstanding.remove(&page);
+            }
             self.changed = true;
         }
         for fetch in fetches {

@@ -43,6 +43,10 @@ pub fn error_wanted(view: &View, error_metres: f32, projected_px: f32) -> bool {
 }
 
 /// Bits of a streaming request's priority: they order as the priorities do and are never zero.
+#[allow(
+    clippy::manual_clamp,
+    reason = "not a number has to become the smallest; `clamp` would keep it"
+)]
 pub fn priority_bits(error_metres: f32, projected_px: f32) -> u32 {
     if error_metres >= ROOT_ERROR {
         ROOT_PRIORITY_PX.to_bits()

@@ -130,6 +130,53 @@ mod tests {
     }
 
     #[test]
+    fn numbers_are_those_of_the_wgsl() {
+        use crate::passes::{PoolBindings, SHADE};
+        use naga::{Expression, Literal};
+        let source = SHADE.source(PoolBindings {
+            count: 1,
+            words_log2: 25,
+        });
+        let module = naga::front::wgsl::parse_str(&source).expect("the module parses");
+        let numbers = |name: &str| -> Vec<f32> {
+            let found = module
+                .constants
+                .iter()
+                .find(|(_, constant)| constant.name.as_deref() == Some(name));
+            let init = found.expect("the constant is there").1.init;
+            let number = |handle| match module.global_expressions[handle] {
+                Expression::Literal(Literal::F32(value)) => value,
+                ref other => panic!("{name}: {other:?}"),
+            };
+            match &module.global_expressions[init] {
+                Expression::Compose { components, .. } => {
+                    components.iter().map(|&handle| number(handle)).collect()
+                }
+                _ => vec![number(init)],
+            }
+        };
+        for (name, value) in [
+            ("KEY_DIRECTION", KEY_DIRECTION),
+            ("FILL_DIRECTION", FILL_DIRECTION),
+            ("KEY_RADIANCE", KEY_RADIANCE),
+            ("FILL_RADIANCE", FILL_RADIANCE),
+            ("SKY_RADIANCE", SKY_RADIANCE),
+            ("GROUND_RADIANCE", GROUND_RADIANCE),
+            ("SKY_TOP_SRGB", SKY_TOP_SRGB),
+            ("SKY_BOTTOM_SRGB", SKY_BOTTOM_SRGB),
+        ] {
+            assert_eq!(numbers(name), value.to_array(), "{name}");
+        }
+        for (name, value) in [
+            ("METAL_DIFFUSE", METAL_DIFFUSE),
+            ("SMALLEST_ROUGHNESS", SMALLEST_ROUGHNESS),
+            ("LARGEST_SPECULAR", LARGEST_SPECULAR),
+        ] {
+            assert_eq!(numbers(name), [value], "{name}");
+        }
+    }
+
+    #[test]
     fn directions_survive_any_length() {
         for length in [1e-36, 1e-20, 1.0, 1e20, 1e37] {
             let unit = safe_normalize(Vec3::new(3.0, 0.0, -4.0) * length, Vec3::X);

@@ -26,7 +26,7 @@ pub use cut::{Culled, cut, requests_only};
 pub use cut_brute::{cut_brute, requests_brute};
 pub use raster::{needs_masked, raster, raster_masked, raster_overdraw};
 pub use shade::shade;
-pub use texture::{Textures, build_textures};
+pub use texture::{Layout, Textures, build_textures, mip_chain};
 pub use transcode::transcode;
 pub use view::{Camera, CameraError, Capacities, near_for_radius};
 

@@ -45,56 +45,75 @@ pub enum TextureError {
     },
 }
 
-/// Builds records and texels of `images` (width, height, RGBA bytes in rows from the top). Mips are box-filtered in linear
-/// light, alpha as it is. Where `limit_words` does not hold all, the largest texture loses its top mip until the rest fits.
+/// Where textures lie in the texel buffer, and how many of their top mips were left out.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Layout {
+    /// One a texture, in order.
+    pub records: Vec<TextureRecord>,
+    /// Top mips left out of each texture.
+    pub dropped_mips: Vec<u32>,
+    /// Words of all.
+    pub words: usize,
+    /// What was left out to keep to the limit, one line a texture.
+    pub notes: Vec<String>,
+}
+
+/// Builds records and texels of `images` (width, height, RGBA bytes in rows from the top): [`Layout::new`] and
+/// [`mip_chain`] for all at once.
 pub fn build_textures(
     images: &[(u32, u32, Vec<u8>)],
     limit_words: usize,
 ) -> Result<Textures, TextureError> {
-    for (texture, (width, height, rgba)) in images.iter().enumerate() {
-        let bytes = (*width as usize)
-            .checked_mul(*height as usize)
-            .and_then(|texels| texels.checked_mul(4));
-        if bytes != Some(rgba.len()) || rgba.is_empty() {
-            return Err(TextureError::Size {
-                texture,
-                width: *width,
-                height: *height,
-                bytes: rgba.len(),
-            });
-        }
-    }
     let sizes: Vec<_> = images
         .iter()
         .map(|&(width, height, _)| [width, height])
         .collect();
-    // Record offsets are words of 32 bits.
-    let dropped = mips_to_drop(&sizes, limit_words.min(u32::MAX as usize))?;
-    let chains: Vec<Vec<u32>> = images
-        .par_iter()
-        .zip(&dropped)
-        .map(|((width, height, rgba), &dropped)| mip_chain([*width, *height], rgba, dropped))
-        .collect();
-    let mut textures = Textures::default();
-    for (texture, (chain, (&size, &dropped))) in
-        chains.iter().zip(sizes.iter().zip(&dropped)).enumerate()
-    {
-        let [width, height] = (0..dropped).fold(size, |size, _| halved(size));
-        textures.records.push(TextureRecord {
-            first_word: textures.words.len() as u32,
-            width,
-            height,
-            mip_count: mip_count([width, height]),
-        });
-        textures.words.extend(chain);
-        if dropped > 0 {
-            textures.notes.push(format!(
-                "texture {texture}: {} x {} reduced to {width} x {height} to keep to {limit_words} texels",
-                size[0], size[1]
-            ));
+    for (texture, (size, image)) in sizes.iter().zip(images).enumerate() {
+        if texels(*size).checked_mul(4) != Some(image.2.len()) {
+            return Err(size_error(texture, *size, image.2.len()));
         }
     }
-    Ok(textures)
+    let layout = Layout::new(&sizes, limit_words)?;
+    let chains: Vec<Vec<u32>> = images
+        .par_iter()
+        .zip(&layout.dropped_mips)
+        .map(|((width, height, rgba), &dropped)| mip_chain([*width, *height], rgba, dropped))
+        .collect();
+    Ok(Textures {
+        records: layout.records,
+        words: chains.concat(),
+        notes: layout.notes,
+    })
+}
+
+impl Layout {
+    /// Lays textures of these sizes out one after another. Where `limit_words` does not hold all, the texture with most
+    /// texels (the first of equals) loses its top mip until the rest fits.
+    pub fn new(sizes: &[[u32; 2]], limit_words: usize) -> Result<Self, TextureError> {
+        if let Some(texture) = sizes.iter().position(|size| size.contains(&0)) {
+            return Err(size_error(texture, sizes[texture], 0));
+        }
+        // Records count words in 32 bits.
+        let kept = shrink_to_fit(sizes, limit_words.min(u32::MAX as usize))?;
+        let mut layout = Self::default();
+        for (texture, (&size, &(kept, dropped))) in sizes.iter().zip(&kept).enumerate() {
+            layout.records.push(TextureRecord {
+                first_word: layout.words as u32,
+                width: kept[0],
+                height: kept[1],
+                mip_count: mip_count(kept),
+            });
+            layout.dropped_mips.push(dropped);
+            layout.words += chain_words(kept);
+            if dropped > 0 {
+                layout.notes.push(format!(
+                    "texture {texture}: {} x {} reduced to {} x {} to keep to {limit_words} texels",
+                    size[0], size[1], kept[0], kept[1]
+                ));
+            }
+        }
+        Ok(layout)
+    }
 }
 
 /// Mips of a texture down to 1 x 1.
@@ -102,35 +121,44 @@ pub fn mip_count(size: [u32; 2]) -> u32 {
     32 - size[0].max(size[1]).leading_zeros()
 }
 
+fn size_error(texture: usize, [width, height]: [u32; 2], bytes: usize) -> TextureError {
+    TextureError::Size {
+        texture,
+        width,
+        height,
+        bytes,
+    }
+}
+
+fn texels(size: [u32; 2]) -> usize {
+    size[0] as usize * size[1] as usize
+}
+
 fn halved(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| (side / 2).max(1))
 }
 
 fn chain_words(size: [u32; 2]) -> usize {
-    let mut words = 0;
-    let mut mip = size;
-    for _ in 0..mip_count(size) {
-        words += mip[0] as usize * mip[1] as usize;
-        mip = halved(mip);
-    }
-    words
+    std::iter::successors(Some(size), |&mip| Some(halved(mip)))
+        .take(mip_count(size) as usize)
+        .map(texels)
+        .sum()
 }
 
-/// How many top mips each texture loses: always the one with most texels, the first of equals.
-fn mips_to_drop(sizes: &[[u32; 2]], limit_words: usize) -> Result<Vec<u32>, TextureError> {
-    let mut kept = sizes.to_vec();
-    let mut dropped = vec![0; sizes.len()];
+/// The size that each texture keeps, and how many top mips that costs.
+fn shrink_to_fit(
+    sizes: &[[u32; 2]],
+    limit_words: usize,
+) -> Result<Vec<([u32; 2], u32)>, TextureError> {
+    let mut kept: Vec<_> = sizes.iter().map(|&size| (size, 0)).collect();
     let mut words: usize = sizes.iter().map(|&size| chain_words(size)).sum();
     while words > limit_words {
-        let texels = |size: [u32; 2]| size[0] as usize * size[1] as usize;
-        let largest = (0..kept.len())
-            .rev()
-            .max_by_key(|&texture| texels(kept[texture]));
+        let largest = kept.iter_mut().rev().max_by_key(|(size, _)| texels(*size));
         match largest {
-            Some(texture) if texels(kept[texture]) > 1 => {
-                words -= texels(kept[texture]);
-                kept[texture] = halved(kept[texture]);
-                dropped[texture] += 1;
+            Some((size, dropped)) if texels(*size) > 1 => {
+                words -= texels(*size);
+                *size = halved(*size);
+                *dropped += 1;
             }
             _ => {
                 return Err(TextureError::Limit {
@@ -140,32 +168,30 @@ fn mips_to_drop(sizes: &[[u32; 2]], limit_words: usize) -> Result<Vec<u32>, Text
             }
         }
     }
-    Ok(dropped)
+    Ok(kept)
 }
 
-/// The mips of one image from mip `dropped` on. Each comes from the unrounded one before.
-fn mip_chain(size: [u32; 2], rgba: &[u8], dropped: u32) -> Vec<u32> {
-    let mut words = Vec::with_capacity(chain_words(size));
+/// The words of one image's mips from mip `dropped` on, each a box filter of the unrounded one before: alpha as it is,
+/// colours in linear light and weighted by alpha, so that what a masked texture hides does not bleed into what it shows.
+/// `rgba` holds four bytes a texel.
+pub fn mip_chain(size: [u32; 2], rgba: &[u8], dropped: u32) -> Vec<u32> {
+    let mut words = Vec::new();
     if dropped == 0 {
         words.extend(
             rgba.chunks_exact(4)
                 .map(|texel| u32::from_le_bytes([texel[0], texel[1], texel[2], texel[3]])),
         );
     }
-    let linear_of = |texel: usize| {
+    let linear = |texel: usize| {
         let at = &rgba[texel * 4..texel * 4 + 4];
-        [
-            linear_from_byte(at[0]),
-            linear_from_byte(at[1]),
-            linear_from_byte(at[2]),
-            at[3] as f32 / 255.0,
-        ]
+        let [r, g, b] = [at[0], at[1], at[2]].map(linear_from_byte);
+        [r, g, b, at[3] as f32 / 255.0]
     };
     let mut mip_size = size;
     let mut mip = Vec::new();
     for level in 1..mip_count(size) {
         mip = match level {
-            1 => reduced(mip_size, linear_of),
+            1 => reduced(mip_size, linear),
             _ => reduced(mip_size, |texel| mip[texel]),
         };
         mip_size = halved(mip_size);
@@ -180,41 +206,49 @@ fn mip_chain(size: [u32; 2], rgba: &[u8], dropped: u32) -> Vec<u32> {
 }
 
 /// Half the size, each texel the mean of the area that it covers: two texels a side, three with shares where a side is odd.
-fn reduced(size: [u32; 2], texel: impl Fn(usize) -> [f32; 4]) -> Vec<[f32; 4]> {
+fn reduced(size: [u32; 2], texel: impl Fn(usize) -> [f32; 4] + Sync) -> Vec<[f32; 4]> {
     let half = halved(size);
     let columns: Vec<_> = (0..half[0]).map(|x| covered(size[0], half[0], x)).collect();
-    let mut mip = Vec::with_capacity(half[0] as usize * half[1] as usize);
-    for y in 0..half[1] {
-        let rows = covered(size[1], half[1], y);
-        for columns in &columns {
-            let mut sum = [0.0; 4];
-            for (row, row_share) in rows {
-                for (column, column_share) in *columns {
-                    let share = row_share * column_share;
-                    if share > 0.0 {
-                        let value = texel(row as usize * size[0] as usize + column as usize);
-                        for channel in 0..4 {
-                            sum[channel] += value[channel] * share;
+    let mut mip = vec![[0.0; 4]; texels(half)];
+    mip.par_chunks_mut(half[0] as usize)
+        .enumerate()
+        .for_each(|(y, row)| {
+            let rows = covered(size[1], half[1], y as u32);
+            for (target, columns) in row.iter_mut().zip(&columns) {
+                let (mut weighted, mut plain, mut alpha) = ([0.0; 3], [0.0; 3], 0.0);
+                for (row, row_share) in rows {
+                    for (column, column_share) in *columns {
+                        let share = row_share * column_share;
+                        if share > 0.0 {
+                            let value = texel(row as usize * size[0] as usize + column as usize);
+                            for channel in 0..3 {
+                                weighted[channel] += value[channel] * value[3] * share;
+                                plain[channel] += value[channel] * share;
+                            }
+                            alpha += value[3] * share;
                         }
                     }
                 }
+                let [r, g, b] = match alpha > 0.0 {
+                    true => weighted.map(|sum: f32| sum / alpha),
+                    false => plain,
+                };
+                *target = [r, g, b, alpha];
             }
-            mip.push(sum);
-        }
-    }
+        });
     mip
 }
 
 /// The texels of a side of `size` under texel `at` of one of `half`, with their shares, which sum to 1.
 fn covered(size: u32, half: u32, at: u32) -> [(u32, f32); 3] {
     // In units of 1 / half texels: both ends and all borders are whole.
-    let (first, last) = (at as u64 * size as u64, (at as u64 + 1) * size as u64);
-    let start = first / half as u64;
+    let (size, half, at) = (size as u64, half as u64, at as u64);
+    let (first, last) = (at * size, (at + 1) * size);
     std::array::from_fn(|offset| {
-        let texel = start + offset as u64;
+        let texel = first / half + offset as u64;
         let overlap = last
-            .min((texel + 1) * half as u64)
-            .saturating_sub(first.max(texel * half as u64));
+            .min((texel + 1) * half)
+            .saturating_sub(first.max(texel * half));
         (texel as u32, overlap as f32 / size as f32)
     })
 }
@@ -232,7 +266,7 @@ mod tests {
     }
 
     proptest! {
-        /// Light is neither won nor lost: the mean of the unrounded chain stays, whatever the size.
+        /// Light is neither won nor lost: the mean of what each texel covers stays, whatever the size.
         #[test]
         fn reducing_keeps_the_mean(width in 1u32..40, height in 1u32..40) {
             let (_, _, rgba) = noise(width, height);
@@ -240,7 +274,8 @@ mod tests {
                 .map(|texel| [0, 1, 2, 3].map(|channel| texel[channel] as f32 / 255.0))
                 .collect();
             let mean = |texels: &[[f32; 4]], channel: usize| {
-                texels.iter().map(|texel| texel[channel] as f64).sum::<f64>() / texels.len() as f64
+                let covered = |texel: &[f32; 4]| texel[channel] * if channel < 3 { texel[3] } else { 1.0 };
+                texels.iter().map(|texel| covered(texel) as f64).sum::<f64>() / texels.len() as f64
             };
             let smaller = reduced([width, height], |texel| linear[texel]);
             for channel in 0..4 {
@@ -260,15 +295,18 @@ mod tests {
 
     #[test]
     fn chain_reaches_one_texel_of_the_mean_light() {
+        let chain = |left: [u8; 4], right: [u8; 4]| {
+            let textures = build_textures(&[(2, 1, [left, right].concat())], 100).unwrap();
+            assert_eq!(textures.records[0].mip_count, 2);
+            assert!(textures.notes.is_empty());
+            textures.words[2].to_le_bytes()
+        };
         // Black and white: half the light is sRGB 188, not 128. Alpha is no light: 128.
-        let rgba = [[0, 0, 0, 0], [255, 255, 255, 255]].concat();
-        let textures = build_textures(&[(2, 1, rgba)], 100).unwrap();
-        assert_eq!(textures.records[0].mip_count, 2);
-        assert_eq!(
-            textures.words,
-            [0, u32::MAX, u32::from_le_bytes([188, 188, 188, 128])]
-        );
-        assert!(textures.notes.is_empty());
+        assert_eq!(chain([0, 0, 0, 255], [255; 4]), [188, 188, 188, 255]);
+        assert_eq!(chain([90, 80, 70, 255], [90, 80, 70, 0]), [90, 80, 70, 128]);
+        // Clear texels lend no colour, unless all are clear.
+        assert_eq!(chain([0, 0, 0, 0], [255; 4]), [255, 255, 255, 128]);
+        assert_eq!(chain([0, 0, 0, 0], [255, 255, 255, 0]), [188, 188, 188, 0]);
     }
 
     #[test]

@@ -216,7 +216,7 @@ pub fn random_dag(random: &mut Random) -> Dag {
     }
     let aabbs = group_aabbs(&pages, hierarchy.groups.len());
     let mut leaves: Vec<u32> = (0..hierarchy.groups.len() as u32).collect();
-    leaves.sort_by_key(|_| random.next());
+    leaves.sort_by_cached_key(|_| random.next());
     hierarchy.depth = push_node(random, &mut hierarchy, &aabbs, &leaves);
     let hierarchy =
         Hierarchy::decode(&hierarchy.encode(), pages.len() as u32).expect("a valid hierarchy");

@@ -1,0 +1,129 @@
+//! `play`: a camera path at fixed steps. Unless asked to keep pace with the clock, every frame waits until what it wants
+//! is installed, so that the same path gives the same pictures on any link.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use crate::error::ClientError;
+use crate::gpu::{self, Gpu};
+use crate::path::CameraPath;
+use crate::picture::{FileError, write_png};
+use crate::report::Report;
+use crate::session::{Session, SessionOptions};
+use crate::stream::StreamingRequest;
+
+/// What to play and what to keep of it.
+#[derive(Debug, Clone)]
+pub struct PlayOptions {
+    /// Scene, pixel error, pool, mode; the size is the path's.
+    pub session: SessionOptions,
+    /// The path file.
+    pub path: PathBuf,
+    /// Folder of the frames' pictures.
+    pub frames: Option<PathBuf>,
+    /// File of the frames' streaming requests, a JSON object a line.
+    pub trace: Option<PathBuf>,
+    /// The report.
+    pub report: Option<PathBuf>,
+    /// One frame a step of the clock, with whatever has come by then.
+    pub realtime: bool,
+    /// Longest wait for one frame's pages.
+    pub settle: Duration,
+}
+
+/// A line of the trace.
+#[derive(serde::Serialize)]
+struct TraceLine<'a> {
+    frame: u32,
+    secs: f64,
+    pixel_error: f32,
+    /// Scene-wide page and priority, pixels.
+    requests: &'a [(u32, f32)],
+}
+
+/// Plays the path.
+pub fn play(options: &PlayOptions) -> Result<Report, ClientError> {
+    let (gpu, _) = Gpu::open(&gpu::instance(), options.session.adapter.as_deref(), None)?;
+    play_on(&gpu, options)
+}
+
+/// [`play`] on a device that exists.
+pub fn play_on(gpu: &Gpu, options: &PlayOptions) -> Result<Report, ClientError> {
+    let path = CameraPath::read(&options.path)?;
+    let mut session = Session::on(
+        gpu,
+        &SessionOptions {
+            size_px: path.size,
+            ..options.session.clone()
+        },
+    )?;
+    if let Some(folder) = &options.frames {
+        std::fs::create_dir_all(folder).map_err(|error| FileError::new(folder, error))?;
+    }
+    let mut trace = match &options.trace {
+        Some(file) => {
+            let created = File::create(file).map_err(|error| FileError::new(file, error))?;
+            Some((file, BufWriter::new(created)))
+        }
+        None => None,
+    };
+    let start = Instant::now();
+    let mut unsettled = 0;
+    for frame in 0..path.frames {
+        let camera = path.camera(frame);
+        let requests = session.request_pages(&camera)?;
+        if options.realtime {
+            let due = Duration::from_secs_f64(path.secs(frame));
+            std::thread::sleep(due.saturating_sub(start.elapsed()));
+        } else if !session.settle(&camera, options.settle)? {
+            unsettled += 1;
+        }
+        session.picture(&camera)?;
+        if let Some(folder) = &options.frames {
+            let file = folder.join(format!("frame_{frame:05}.png"));
+            write_png(&file, path.size, &session.renderer.read_color()?)?;
+        }
+        if let Some((file, writer)) = &mut trace {
+            let line = trace_line(frame, path.secs(frame), session.pixel_error(), &requests);
+            writer
+                .write_all(line.as_bytes())
+                .map_err(|error| FileError::new(file, error))?;
+        }
+    }
+    if let Some((file, mut writer)) = trace {
+        writer
+            .flush()
+            .map_err(|error| FileError::new(file, error))?;
+    }
+    if unsettled > 0 {
+        session.warn(format!(
+            "{unsettled} of {} frames did not settle",
+            path.frames
+        ));
+    }
+    let report = session.report();
+    if let Some(file) = &options.report {
+        report.write(file)?;
+    }
+    Ok(report)
+}
+
+fn trace_line(frame: u32, secs: f64, pixel_error: f32, requests: &[StreamingRequest]) -> String {
+    let mut requests: Vec<_> = requests
+        .iter()
+        .map(|request| (request.page, request.priority_px))
+        .collect();
+    // The GPU appends in any order.
+    requests.sort_by_key(|request| request.0);
+    let line = TraceLine {
+        frame,
+        secs,
+        pixel_error,
+        requests: &requests,
+    };
+    let mut text = serde_json::to_string(&line).unwrap_or_default();
+    text.push('\n');
+    text
+}
