@@ -164,17 +164,10 @@ impl Opening {
             .zip(&bytes)
             .map(|(texture, bytes)| TextureBytes { texture, bytes })
             .collect();
-        let warnings = &mut report.warnings;
-        let layout = renderer.upload_textures(pairs.into_iter(), |line| warnings.push(line))?;
-        report.texture_bytes = layout.words * 4;
-        report.texture_mips_left_out = layout.mips_left_out;
-        if layout.mips_left_out > 0 {
-            report.warnings.push(format!(
-                "{} largest texture mips left out: the adapter binds at most {} bytes",
-                layout.mips_left_out,
-                renderer.gpu.max_binding_bytes()
-            ));
-        }
+        let layout = renderer.upload_textures(&pairs)?;
+        report.texture_bytes = layout.words as u64 * 4;
+        report.texture_mips_left_out = layout.dropped_mips.iter().sum();
+        report.warnings.extend(layout.notes);
         Ok(())
     }
 }

@@ -7,8 +7,7 @@ mod gpu_common;
 
 use std::collections::BTreeSet;
 
-use glam::DVec3;
-use gpu_common::{TestScene, gpu, plain_scene};
+use gpu_common::{TestScene, gpu, look, plain_scene};
 use lodestream_client::gpu::{Renderer, Work};
 use lodestream_shaders::cpu::{self, Camera, Capacities, near_for_radius};
 use lodestream_shaders::types::View;
@@ -16,13 +15,7 @@ use lodestream_shaders::types::View;
 const SIZE: [u32; 2] = [480, 270];
 
 fn cameras() -> Vec<Camera> {
-    let look = |eye: [f64; 3], target: [f64; 3]| Camera {
-        eye: eye.into(),
-        target: target.into(),
-        up: DVec3::Y,
-        fov_y_degrees: 50.0,
-        size_px: SIZE,
-    };
+    let look = |eye, target| look(eye, target, SIZE);
     vec![
         look([0.0, 2.0, 6.0], [0.0, 0.4, 0.0]),
         look([0.9, 0.9, 1.2], [0.3, 0.6, 0.0]),

@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use lodestream_loadtests::policies::PolicyName;
+use lodestream_loadtests::record::TraceFormat;
 
 /// Load tests, eviction policies and sample scenes for Lodestream; needs no GPU.
 #[derive(Debug, Parser)]
@@ -33,6 +35,12 @@ pub struct Common {
 /// A command.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Replay a trace with each eviction policy at each pool size, in simulated time.
+    Policies(Policies),
+    /// Record which pages a camera path wants, as a trace.
+    Record(Record),
+    /// Load a server with many virtual viewers over real HTTP.
+    Load(Load),
     /// Make a sample scene.
     #[command(subcommand)]
     Sample(Sample),
@@ -43,6 +51,112 @@ pub enum Command {
         /// Holds `build-*.json`, `draw-*.json`, `compare-*.json`, `play-*.json`, `policies-*.json`, `load-*.json` and `*.png`.
         folder: PathBuf,
     },
+}
+
+/// Arguments of `policies`.
+#[derive(Debug, Args)]
+pub struct Policies {
+    /// A trace that `record` or the client's `play --trace` wrote.
+    #[arg(long, value_name = "FILE", required_unless_present = "url", conflicts_with_all = ["url", "scene", "path"])]
+    pub trace: Option<PathBuf>,
+    /// Without a trace: a server (`http://…`) or a library folder, to record one in memory.
+    #[arg(requires_all = ["scene", "path"])]
+    pub url: Option<String>,
+    /// The scene to record.
+    #[arg(long, value_name = "NAME", requires = "url")]
+    pub scene: Option<String>,
+    /// The camera path to record.
+    #[arg(long, value_name = "FILE", requires = "url")]
+    pub path: Option<PathBuf>,
+    /// Pool sizes, MiB.
+    #[arg(long, value_name = "MiB[,MiB...]", value_delimiter = ',', required = true, value_parser = clap::value_parser!(u64).range(1..=16_384))]
+    pub pool: Vec<u64>,
+    /// Policies: `all`, or some of lru, lowest-error, decayed-error, fifo, clock, clairvoyant.
+    #[arg(long, value_name = "all|A,B", default_value = "all", value_parser = policies)]
+    pub policies: std::sync::Arc<[PolicyName]>,
+    /// Viewers, each with a pool and a link of its own, walking the trace from evenly spaced frames on; figures are added up.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
+    pub viewers: u16,
+    /// Each viewer's bandwidth.
+    #[arg(long, value_name = "Mbps", default_value_t = 50.0, value_parser = positive)]
+    pub bandwidth: f64,
+    /// Each viewer's latency from a request to its answer's first byte.
+    #[arg(long, value_name = "MS", default_value_t = 40.0, value_parser = not_negative)]
+    pub latency: f64,
+    /// The pixel error that the viewers ask for.
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = positive)]
+    pub pixel_error: f64,
+    /// Write a page of plots and a table.
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+}
+
+/// Arguments of `record`.
+#[derive(Debug, Args)]
+pub struct Record {
+    /// A server (`http://…`) or a library folder.
+    pub url: String,
+    /// The scene.
+    #[arg(long, value_name = "NAME")]
+    pub scene: String,
+    /// The camera path.
+    #[arg(long, value_name = "FILE")]
+    pub path: PathBuf,
+    /// Where to write the trace.
+    #[arg(long, value_name = "FILE")]
+    pub trace: PathBuf,
+    /// How to write it.
+    #[arg(long, value_enum, default_value = "lodestream")]
+    pub format: TraceFormat,
+    /// The pixel error that the viewer asks for.
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = positive)]
+    pub pixel_error: f64,
+}
+
+/// Arguments of `load`.
+#[derive(Debug, Args)]
+pub struct Load {
+    /// A server (`http://…`), or a library folder without a server.
+    pub url: String,
+    /// The scene; without one, viewers take turns over all of them.
+    #[arg(long, value_name = "NAME")]
+    pub scene: Option<String>,
+    /// Viewers.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub viewers: u16,
+    /// How long to run.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub seconds: f64,
+    /// Each viewer's bandwidth; unbounded unless this or the latency is given.
+    #[arg(long, value_name = "Mbps", value_parser = positive)]
+    pub bandwidth: Option<f64>,
+    /// Each viewer's added latency of a round trip.
+    #[arg(long, value_name = "MS", value_parser = not_negative)]
+    pub latency: Option<f64>,
+    /// Updates a second and viewer.
+    #[arg(long, value_name = "R", default_value_t = 10.0, value_parser = rate)]
+    pub rate: f64,
+    /// How pages are asked for: a GET a page range, or posts that name everything wanted.
+    #[arg(long, value_enum, default_value = "get")]
+    pub transport: TransportName,
+    /// Page pool of each viewer; no memory is taken.
+    #[arg(long, value_name = "MiB", default_value_t = 128, value_parser = clap::value_parser!(u64).range(1..=16_384))]
+    pub pool: u64,
+    /// The pixel error that the viewers ask for.
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = positive)]
+    pub pixel_error: f64,
+    /// Another number, other walks.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// How pages are asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TransportName {
+    /// A GET a page range.
+    Get,
+    /// `POST /v1/pages`.
+    Post,
 }
 
 /// A sample scene.
@@ -89,12 +203,76 @@ pub struct Compare {
     pub depths: Option<Vec<PathBuf>>,
 }
 
+fn policies(text: &str) -> Result<std::sync::Arc<[PolicyName]>, String> {
+    if text == "all" {
+        return Ok(PolicyName::ALL.into());
+    }
+    text.split(',').map(|name| PolicyName::from_str(name, false)).collect()
+}
+
+fn number(text: &str, expected: &str, fits: impl Fn(f64) -> bool) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|&number| number.is_finite() && fits(number));
+    number.ok_or_else(|| format!("expected {expected}"))
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    number(text, "a number above 0", |number| number > 0.0)
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    number(text, "a number from 0 to 60000", |number| (0.0..=60_000.0).contains(&number))
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    number(text, "seconds above 0, at most a day", |number| number > 0.0 && number <= 86_400.0)
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    number(text, "updates a second from 0.01 to 1000", |number| (0.01..=1000.0).contains(&number))
+}
+
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
+    use clap::{CommandFactory, Parser};
+
+    use super::*;
 
     #[test]
     fn the_command_line_is_consistent() {
-        super::Cli::command().debug_assert();
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn what_scripts_call_parses_and_wrong_usage_does_not() {
+        let parses = |line: &str| Cli::try_parse_from(line.split(' ')).is_ok();
+        for line in [
+            "l policies --trace t --pool 8,12,16 --report r.json",
+            "l policies http://h --scene s --path p.json --pool 8 --policies lru,clairvoyant --viewers 3 --html x.html",
+            "l record http://h --scene s --path p.json --trace t --format oracle-general",
+            "l load http://h --viewers 24 --seconds 10 --report r.json",
+            "l load http://h --scene s --viewers 2 --seconds 1.5 --bandwidth 10 --latency 40 --rate 30 --transport post",
+            "l sample city --out c.glb --instances 100 --unique 8 --seed 2",
+            "l sample rock --out r.glb --triangles 5000 --quiet",
+            "l compare a.png b.png --depths a.pfm b.pfm --report r.json",
+            "l report folder",
+        ] {
+            assert!(parses(line), "{line}");
+        }
+        for line in [
+            "l",
+            "l policies --pool 8",
+            "l policies --trace t",
+            "l policies --trace t http://h --scene s --path p --pool 8",
+            "l policies http://h --pool 8",
+            "l policies --trace t --pool 8 --policies lfu",
+            "l policies --trace t --pool 0",
+            "l load http://h --viewers 0 --seconds 1",
+            "l load http://h --viewers 1 --seconds -1",
+            "l load http://h --viewers 1 --seconds 1 --bandwidth nan",
+            "l record http://h --scene s --path p --trace t --format xml",
+            "l compare a.png b.png --depths a.pfm",
+        ] {
+            assert!(!parses(line), "{line}");
+        }
     }
 }

@@ -2,17 +2,40 @@
 
 use std::path::Path;
 
+use lodestream_client::path::{CameraPath, PathError};
+use lodestream_client::stream::{OpenedScene, Source, StreamError, Transport};
+use lodestream_client::trace::Trace;
 use lodestream_loadtests::compare::{self, CompareError, DepthImage, Picture};
+use lodestream_loadtests::load::{self, LoadError, LoadOptions};
+use lodestream_loadtests::policies::{self, LinkSpeed, StudyOptions};
+use lodestream_loadtests::record::{self, RecordError};
 use lodestream_loadtests::report::{self, ReportError};
 use lodestream_loadtests::samples::{self, SampleError};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::cli::{Cli, Command, Common, Compare, Sample};
+use crate::cli::{Cli, Command, Common, Compare, Load, Policies, Record, Sample, TransportName};
+
+const MEBIBYTE: u64 = 1 << 20;
 
 /// Why a command failed: one line.
 #[derive(Debug, thiserror::Error)]
 pub enum CommandError {
+    /// The library or the page pool.
+    #[error(transparent)]
+    Stream(#[from] StreamError),
+    /// The camera path.
+    #[error(transparent)]
+    Path(#[from] PathError),
+    /// A trace.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The load test.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// No threads.
+    #[error("worker threads: expected to start them, found {0}")]
+    Threads(std::io::Error),
     /// A sample scene.
     #[error(transparent)]
     Sample(#[from] SampleError),
@@ -22,6 +45,9 @@ pub enum CommandError {
     /// The page.
     #[error(transparent)]
     Report(#[from] ReportError),
+    /// Neither a trace nor what to record one from.
+    #[error("policies: expected a trace, or a URL with a scene and a path, found neither")]
+    NoTrace,
     /// A file to be written.
     #[error("{file}: expected to write it, found {source}")]
     Write {
@@ -38,6 +64,9 @@ pub enum CommandError {
 /// The first failure.
 pub fn run(cli: Cli) -> Result<(), CommandError> {
     let figures = match cli.command {
+        Command::Policies(arguments) => study(&arguments)?,
+        Command::Record(arguments) => write_trace(&arguments)?,
+        Command::Load(arguments) => load_server(arguments)?,
         Command::Sample(sample) => make_sample(sample)?,
         Command::Compare(files) => compare_pictures(&files)?,
         Command::Report { folder } => json!({ "page": report::write(&folder)? }),
@@ -83,6 +112,73 @@ fn value(figures: &impl Serialize) -> Value {
     // Reports are plain structs with string keys, so nothing in them can fail to serialize; were it otherwise the figures
     // say so instead of hiding it.
     serde_json::to_value(figures).unwrap_or_else(|error| json!({ "error": error.to_string() }))
+}
+
+fn runtime() -> Result<tokio::runtime::Runtime, CommandError> {
+    tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(CommandError::Threads)
+}
+
+fn open(url: &str, scene: &str) -> Result<OpenedScene, CommandError> {
+    Ok(runtime()?.block_on(async { Source::connect(url)?.open(scene).await })?)
+}
+
+fn record_trace(url: &str, scene: &str, path: &Path, pixel_error_px: f64) -> Result<Trace, CommandError> {
+    let path = CameraPath::read(path)?;
+    let opened = open(url, scene)?;
+    Ok(record::record(scene, &opened, &path, pixel_error_px as f32)?)
+}
+
+fn study(arguments: &Policies) -> Result<Value, CommandError> {
+    let trace = match (&arguments.trace, &arguments.url, &arguments.scene, &arguments.path) {
+        (Some(file), ..) => record::read(file)?,
+        (None, Some(url), Some(scene), Some(path)) => record_trace(url, scene, path, arguments.pixel_error)?,
+        // The command line does not parse without.
+        _ => return Err(CommandError::NoTrace),
+    };
+    let options = StudyOptions {
+        policies: arguments.policies.to_vec(),
+        pools_bytes: arguments.pool.iter().map(|mebibytes| mebibytes * MEBIBYTE).collect(),
+        viewers: usize::from(arguments.viewers),
+        pixel_error_px: arguments.pixel_error as f32,
+        link: LinkSpeed { bandwidth_mbps: arguments.bandwidth, latency_ms: arguments.latency },
+    };
+    let study = policies::study(&trace, &options)?;
+    if let Some(file) = &arguments.html {
+        write(file, policies::page(&study).as_bytes())?;
+    }
+    Ok(value(&study))
+}
+
+fn write_trace(arguments: &Record) -> Result<Value, CommandError> {
+    let trace = record_trace(&arguments.url, &arguments.scene, &arguments.path, arguments.pixel_error)?;
+    record::write_file(&trace, arguments.format, &arguments.trace)?;
+    let mut figures = value(&policies::TraceFigures::of(&trace));
+    figures["trace"] = json!(arguments.trace);
+    Ok(figures)
+}
+
+fn load_server(arguments: Load) -> Result<Value, CommandError> {
+    // One of the two given: the other does not hold anything up.
+    let link = (arguments.bandwidth.is_some() || arguments.latency.is_some()).then(|| LinkSpeed {
+        bandwidth_mbps: arguments.bandwidth.unwrap_or(1e6),
+        latency_ms: arguments.latency.unwrap_or(0.0),
+    });
+    let options = LoadOptions {
+        url: arguments.url,
+        scene: arguments.scene,
+        viewers: usize::from(arguments.viewers),
+        seconds: arguments.seconds,
+        rate: arguments.rate,
+        link,
+        transport: match arguments.transport {
+            TransportName::Get => Transport::Get,
+            TransportName::Post => Transport::Post,
+        },
+        pool_bytes: arguments.pool * MEBIBYTE,
+        pixel_error_px: arguments.pixel_error as f32,
+        seed: arguments.seed,
+    };
+    Ok(value(&runtime()?.block_on(load::run(options))?))
 }
 
 fn make_sample(sample: Sample) -> Result<Value, CommandError> {

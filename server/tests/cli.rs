@@ -615,7 +615,7 @@ fn exports_count_area_and_outside_come_right() {
     );
 
     let mut last = faces;
-    for error in ["0.001", "0.01", "0.1"] {
+    for error in ["0.02", "0.1", "0.4"] {
         let (file, report) = export("cut.ply", &["--error", error]);
         let (faces, area) = ply(&file);
         assert!(faces < last, "{error}: {faces} of {last}");

@@ -173,9 +173,7 @@ fn footprint_chooses_the_mip() {
     let between = sample(&textures, 0, 0.25, 0.25, std::f32::consts::SQRT_2);
     assert!((between - mean * 0.5).length() < 1e-4, "{between}");
     for bad in [f32::NAN, f32::INFINITY] {
-        assert!(
-            sample(&textures, 0, bad, 0.25, 0.0).is_finite() || bad.is_nan() || bad.is_infinite()
-        );
+        assert!(sample(&textures, material_flag::NEAREST, bad, 0.25, 0.0).is_finite());
         assert!(sample(&textures, 0, 0.25, 0.25, bad).is_finite());
     }
 }
@@ -241,7 +239,7 @@ fn normals_point_out_of_the_sphere_whatever_the_side_and_the_map() {
                 );
                 checked += 1;
             }
-            assert!(checked > 400, "{checked}");
+            assert!(checked > 300, "{checked}");
         }
     }
 }

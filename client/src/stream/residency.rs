@@ -34,7 +34,8 @@ pub struct ResidencyConfig {
     pub max_in_flight_bytes: u64,
     /// Most pages that one [`Residency::take_changes`] uploads: bounds what streaming adds to a frame.
     pub max_uploads: usize,
-    /// Updates from a new pixel error to the first requests made with it, at least.
+    /// Updates from a new camera or pixel error to the first requests made with it, at least: what settling and the
+    /// governor wait for.
     pub readback_updates: u32,
     /// Who leaves.
     pub policy: Box<dyn EvictionPolicy>,
@@ -57,8 +58,6 @@ impl ResidencyConfig {
 
 /// Updates that a page under way may go unwanted before it is given up: culling flickers at the borders.
 const LINGER_UPDATES: u64 = 4;
-/// Updates without any change that make a settled view.
-const QUIET_UPDATES: u32 = 4;
 /// Wait after the first failure.
 const FIRST_BACK_OFF_SECS: f64 = 0.25;
 /// Longest wait.
@@ -113,6 +112,7 @@ pub struct Residency {
     pub(super) stats: StreamStats,
     pub(super) max_in_flight_bytes: u64,
     pub(super) max_uploads: usize,
+    readback_updates: u32,
     closure: Closure,
     governor: Governor,
     cancelled: Vec<u64>,
@@ -166,6 +166,7 @@ impl Residency {
             stats: StreamStats::default(),
             max_in_flight_bytes: config.max_in_flight_bytes,
             max_uploads: config.max_uploads.max(1),
+            readback_updates: config.readback_updates.max(1),
             cancelled: Vec::new(),
             pages,
             layout,
@@ -350,7 +351,13 @@ impl Residency {
 
     /// Whether the last updates found all that they wanted installed, nothing is under way, and the pixel error stays.
     pub fn is_settled(&self) -> bool {
-        self.quiet_updates >= QUIET_UPDATES && self.is_idle()
+        self.quiet_updates >= self.readback_updates && self.is_idle()
+    }
+
+    /// Tells that the camera or the scene jumped: readbacks on their way say nothing about it, so [`Residency::is_settled`]
+    /// waits until they have come.
+    pub fn view_changed(&mut self) {
+        self.quiet_updates = 0;
     }
 
     /// Whether all that is missing waits for the end of a back-off, or for a page that does: nothing will change soon.

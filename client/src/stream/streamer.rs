@@ -207,6 +207,11 @@ impl Streamer {
         self.residency.set_pixel_error(asked_px)
     }
 
+    /// See [`Residency::view_changed`].
+    pub fn view_changed(&mut self) {
+        self.residency.view_changed();
+    }
+
     /// See [`Residency::is_settled`].
     pub fn is_settled(&self) -> bool {
         self.residency.is_settled()

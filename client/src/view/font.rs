@@ -86,7 +86,9 @@ mod tests {
     /// Every character that the overlay writes has a shape of its own.
     #[test]
     fn characters_differ() {
-        let characters: Vec<char> = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ .,:-_+/()=%\u{fc}".chars().collect();
+        let characters: Vec<char> = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ .,:-_+/()=%\u{fc}"
+            .chars()
+            .collect();
         for (index, &a) in characters.iter().enumerate() {
             for &b in &characters[..index] {
                 assert_ne!(glyph(a), glyph(b), "{a} {b}");

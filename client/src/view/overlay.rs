@@ -25,7 +25,11 @@ pub struct TextBox {
 impl TextBox {
     /// Draws `lines`, cut off at `most` pixels.
     pub fn new(lines: &[String], most: [u32; 2]) -> Self {
-        let longest = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0);
+        let longest = lines
+            .iter()
+            .map(|line| line.chars().count())
+            .max()
+            .unwrap_or(0);
         let width = (longest * ADVANCE + 2 * MARGIN).min(most[0] as usize);
         let height = (lines.len() * LINE + 2 * MARGIN).min(most[1] as usize);
         let mut pixels = vec![PAPER; width * height];
@@ -85,7 +89,10 @@ mod tests {
     fn text_is_cut_off_at_the_picture() {
         let lines = ["frame 12".to_owned(), "1.5 px".to_owned()];
         let whole = TextBox::new(&lines, [1000, 1000]);
-        assert_eq!((whole.width, whole.height), (8 * ADVANCE + 12, 2 * LINE + 12));
+        assert_eq!(
+            (whole.width, whole.height),
+            (8 * ADVANCE + 12, 2 * LINE + 12)
+        );
         assert!(whole.pixels.contains(&INK) && whole.pixels.contains(&PAPER));
         let cut = TextBox::new(&lines, [20, 10]);
         assert_eq!((cut.width, cut.height, cut.pixels.len()), (20, 10, 200));

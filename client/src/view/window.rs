@@ -128,7 +128,11 @@ impl ApplicationHandler for App {
             }
             WindowEvent::RedrawRequested => {
                 let outcome = opened.frame();
-                if self.options.frames.is_some_and(|most| opened.frames >= most) {
+                if self
+                    .options
+                    .frames
+                    .is_some_and(|most| opened.frames >= most)
+                {
                     event_loop.exit();
                 }
                 outcome
@@ -216,11 +220,14 @@ impl Opened {
         };
         let mut session = Session::on(&gpu, &session_options)?;
         session.set_mode(options.session.mode)?;
-        let radius = session.arrays().bounds_in_world().map_or(1.0, |(_, radius)| radius);
+        let radius = session
+            .arrays()
+            .bounds_in_world()
+            .map_or(1.0, |(_, radius)| radius);
         let home = Navigation::new(framing(session.arrays(), size_px), radius);
-        let navigation = options.camera.map_or(home, |pose| {
-            Navigation::new(pose.camera(size_px), radius)
-        });
+        let navigation = options
+            .camera
+            .map_or(home, |pose| Navigation::new(pose.camera(size_px), radius));
         Ok(Self {
             surface,
             config,
@@ -257,10 +264,14 @@ impl Opened {
         let asked = self.session.streamer.stats().pixel_error_asked;
         match code {
             KeyCode::Equal | KeyCode::NumpadAdd => {
-                self.session.streamer.set_pixel_error(asked * PIXEL_ERROR_STEP)?;
+                self.session
+                    .streamer
+                    .set_pixel_error(asked * PIXEL_ERROR_STEP)?;
             }
             KeyCode::Minus | KeyCode::NumpadSubtract => {
-                self.session.streamer.set_pixel_error(asked / PIXEL_ERROR_STEP)?;
+                self.session
+                    .streamer
+                    .set_pixel_error(asked / PIXEL_ERROR_STEP)?;
             }
             KeyCode::BracketLeft => self.navigation.change_speed(0.5),
             KeyCode::BracketRight => self.navigation.change_speed(2.0),
@@ -278,7 +289,8 @@ impl Opened {
     fn drag(&mut self, x: f64, y: f64) {
         let (dx, dy) = (x - self.pointer.0, y - self.pointer.1);
         self.pointer = (x, y);
-        let shift = self.keys.contains(&KeyCode::ShiftLeft) || self.keys.contains(&KeyCode::ShiftRight);
+        let shift =
+            self.keys.contains(&KeyCode::ShiftLeft) || self.keys.contains(&KeyCode::ShiftRight);
         match self.button {
             Some(MouseButton::Left) if shift => self.navigation.pan(dx, dy, self.config.height),
             Some(MouseButton::Middle) => self.navigation.pan(dx, dy, self.config.height),

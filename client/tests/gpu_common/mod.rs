@@ -8,12 +8,16 @@ use std::sync::Arc;
 
 use lodestream_client::gpu::{Gpu, PageUpload, Renderer, instance};
 use lodestream_format::disk_form::DiskForm;
-use lodestream_format::scene::{AlphaMode, Instance, Material, SceneAsset, TextureUse, Wrap};
-use lodestream_format::{Asset, Hierarchy, Scene};
-use lodestream_server::build::{BuildOptions, build, decode_pages};
+use lodestream_client::gpu::TextureBytes;
+use lodestream_format::scene::{
+    AlphaMode, Instance, Material, MediaType, SceneAsset, Texture, TextureUse, Wrap,
+};
+use lodestream_format::{Asset, ContentHash, Hierarchy, Scene};
+use lodestream_server::build::{BuildOptions, BuiltAsset, build, decode_pages};
 use lodestream_server::import::Mesh;
+use lodestream_server::library::Library;
 use lodestream_shaders::SceneArrays;
-use lodestream_shaders::cpu::transcode;
+use lodestream_shaders::cpu::{self, Camera, build_textures, transcode};
 
 /// The adapter, or `None` after a line that says so; with `REQUIRE_GPU=1` its absence fails the test.
 pub fn gpu() -> Option<Gpu> {
@@ -36,10 +40,14 @@ pub struct TestScene {
     /// Pages of each asset.
     pub forms: Vec<Vec<DiskForm>>,
     pub arrays: Arc<SceneArrays>,
+    built: Vec<BuiltAsset>,
+    /// Image files of the scene's textures.
+    images: Vec<Vec<u8>>,
 }
 
 impl TestScene {
-    pub fn new(meshes: &[Mesh], scene: Scene) -> Self {
+    /// `scene.assets` gets the built assets' names; `images` become its textures.
+    pub fn new(meshes: &[Mesh], mut scene: Scene, images: Vec<Vec<u8>>) -> Self {
         let built: Vec<_> = meshes
             .iter()
             .map(|mesh| build(mesh, &BuildOptions::default()).unwrap())
@@ -52,6 +60,10 @@ impl TestScene {
                 (built.asset.clone(), hierarchy)
             })
             .collect();
+        for (used, built) in scene.assets.iter_mut().zip(&built) {
+            used.asset = ContentHash::of(&built.asset_bytes);
+        }
+        scene.textures = images.iter().map(|png| texture(png)).collect();
         let arrays = SceneArrays::new(&scene, assets.iter().map(|(a, h)| (a, h)));
         Self {
             forms: built
@@ -61,7 +73,43 @@ impl TestScene {
             arrays: Arc::new(arrays),
             scene,
             assets,
+            built,
+            images,
         }
+    }
+
+    /// Puts everything into the library in `folder`, as an ingest does.
+    pub fn publish(&self, folder: &std::path::Path, name: &str) {
+        let runtime = tokio::runtime::Runtime::new().unwrap();
+        runtime.block_on(async {
+            let library = Library::open_or_create(folder.to_str().unwrap()).unwrap();
+            let scene = self.scene.encode().unwrap();
+            let built = self.built.iter();
+            let objects = built
+                .flat_map(|built| [&built.asset_bytes, &built.hierarchy_bytes, &built.pack])
+                .chain(&self.images)
+                .chain([&scene]);
+            for object in objects {
+                library
+                    .put_object(object.clone().into(), 0)
+                    .await
+                    .unwrap();
+            }
+            library.publish(name, ContentHash::of(&scene)).await.unwrap();
+        });
+    }
+
+    /// The textures as the twins see them.
+    pub fn twin_textures(&self) -> cpu::Textures {
+        let decoded: Vec<_> = self
+            .images
+            .iter()
+            .map(|png| {
+                let image = image::load_from_memory(png).unwrap().into_rgba8();
+                (image.width(), image.height(), image.into_raw())
+            })
+            .collect();
+        build_textures(&decoded, usize::MAX).unwrap()
     }
 
     /// Where the first `share` of every asset's pages (at least the root pages) lie when packed end to end, and the words
@@ -223,14 +271,17 @@ pub fn placed(asset: u32, scale: [f64; 3], turn: f64, to: [f64; 3]) -> Instance 
     }
 }
 
+fn used(name: &str, materials: Vec<u32>) -> SceneAsset {
+    SceneAsset {
+        name: name.to_owned(),
+        asset: ContentHash::of(&[]),
+        materials,
+    }
+}
+
 /// Two assets, five instances: one mirrored, one scaled unevenly, one far away.
 pub fn plain_scene() -> TestScene {
     let meshes = [torus("torus", 160, 1.0, 3), sheet(96, 8.0)];
-    let used = |name: &str, materials: Vec<u32>| SceneAsset {
-        name: name.to_owned(),
-        asset: lodestream_format::ContentHash::of(name.as_bytes()),
-        materials,
-    };
     let scene = Scene {
         assets: vec![used("torus", vec![0, 1, 2]), used("sheet", vec![3])],
         instances: vec![
@@ -248,10 +299,65 @@ pub fn plain_scene() -> TestScene {
         ],
         ..Scene::default()
     };
-    TestScene::new(&meshes, scene)
+    TestScene::new(&meshes, scene, Vec::new())
 }
 
-/// Writes what differed where a person can look at it, and says where.
+/// A textured, a masked and a single-sided material over three instances.
+pub fn textured_scene() -> TestScene {
+    let meshes = [torus("torus", 96, 1.0, 3), sheet(48, 8.0)];
+    let scene = Scene {
+        assets: vec![used("torus", vec![0, 1, 2]), used("sheet", vec![2])],
+        instances: vec![
+            placed(0, [1.0; 3], 0.0, [0.0, 0.6, 0.0]),
+            placed(0, [-0.5, 0.5, 0.5], 1.0, [-2.2, 0.3, 1.0]),
+            placed(1, [1.0; 3], 0.0, [0.0, -0.2, 0.0]),
+        ],
+        materials: vec![
+            textured(0, AlphaMode::Opaque),
+            textured(1, AlphaMode::Mask { cutoff: 0.5 }),
+            material([0.7, 0.7, 0.6], false),
+        ],
+        ..Scene::default()
+    };
+    TestScene::new(&meshes, scene, vec![checker(64, false), checker(32, true)])
+}
+
+/// A PNG of `n` x `n` coloured squares with a gradient; every other square clear where `holes`.
+pub fn checker(n: u32, holes: bool) -> Vec<u8> {
+    let mut image = image::RgbaImage::new(n, n);
+    for (x, y, texel) in image.enumerate_pixels_mut() {
+        let odd = (x * 4 / n + y * 4 / n) % 2 == 1;
+        let alpha = if holes && odd { 0 } else { 255 };
+        let ramp = (x * 255 / n) as u8;
+        texel.0 = if odd { [240, ramp, 40, alpha] } else { [30, 90, ramp, alpha] };
+    }
+    let mut png = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    png.into_inner()
+}
+
+fn texture(png: &[u8]) -> Texture {
+    let image = image::load_from_memory(png).unwrap();
+    Texture {
+        object: ContentHash::of(png),
+        bytes: png.len() as u64,
+        media_type: MediaType::Png,
+        width: image.width(),
+        height: image.height(),
+    }
+}
+
+pub fn look(eye: [f64; 3], target: [f64; 3], size_px: [u32; 2]) -> Camera {
+    Camera {
+        eye: eye.into(),
+        target: target.into(),
+        up: glam::DVec3::Y,
+        fov_y_degrees: 50.0,
+        size_px,
+    }
+}
+
+/// Writes a picture where a person can look at it, and says where.
 pub fn keep_picture(name: &str, size_px: [u32; 2], color: &[u32]) -> std::path::PathBuf {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
     let file = folder.join(format!("{name}.png"));

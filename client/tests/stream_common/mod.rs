@@ -9,6 +9,7 @@ use std::path::Path;
 use bytes::Bytes;
 use lodestream_client::stream::{
     OpenedAsset, OpenedScene, PixelErrorControl, ResidencyConfig, StreamingRequest, decode_page,
+    split_frames,
 };
 use lodestream_format::asset::PageEntry;
 use lodestream_format::cluster::{Attributes, MaterialRange, NO_GROUP};
@@ -48,6 +49,8 @@ pub struct MadeAsset {
     pub opened: OpenedAsset,
     /// Coarser groups that hold clusters made from each group.
     pub parents: Vec<Vec<u32>>,
+    /// Whether a group has members that hold source triangles.
+    pub holds_source: Vec<bool>,
     pub frames: Vec<Bytes>,
     pub asset_bytes: Vec<u8>,
     pub hierarchy_bytes: Vec<u8>,
@@ -73,30 +76,7 @@ pub fn make_scene(seed: u64, size: Size) -> MadeScene {
     let assets: Vec<MadeAsset> = (0..size.assets)
         .map(|_| make_asset(&mut random, size))
         .collect();
-    let scene = Scene {
-        assets: assets
-            .iter()
-            .map(|made| SceneAsset {
-                name: "made".to_owned(),
-                asset: made.opened.hash,
-                materials: vec![],
-            })
-            .collect(),
-        instances: (0..size.assets)
-            .map(|asset| Instance {
-                asset,
-                world_from_object: [
-                    [1.0, 0.0, 0.0, 30.0 * asset as f64],
-                    [0.0, 1.0, 0.0, 0.0],
-                    [0.0, 0.0, 1.0, 0.0],
-                ],
-            })
-            .collect(),
-        ..Scene::default()
-    };
-    let opened = assets.iter().map(|made| made.opened.clone()).collect();
-    let opened = OpenedScene::assemble(scene, opened, 0).unwrap();
-    MadeScene { opened, assets }
+    MadeScene::over(assets)
 }
 
 struct Draft {
@@ -358,7 +338,31 @@ fn finish(
         pages: entries,
     };
     let asset_bytes = asset.encode().unwrap();
+    let pack = Bytes::from(frames.concat());
+    made_of(asset, hierarchy, &pack, asset_bytes, hierarchy_bytes)
+}
+
+/// An asset from its objects; the DAG is read out of the pages.
+pub fn made_of(
+    asset: Asset,
+    hierarchy: Hierarchy,
+    pack: &Bytes,
+    asset_bytes: Vec<u8>,
+    hierarchy_bytes: Vec<u8>,
+) -> MadeAsset {
     let hash = ContentHash::of(&asset_bytes);
+    let frames = split_frames(&hash, &asset, 0, asset.pages.len() as u32 - 1, pack).unwrap();
+    let mut parents = vec![vec![]; hierarchy.groups.len()];
+    let mut holds_source = vec![false; hierarchy.groups.len()];
+    for (page, frame) in (0..).zip(&frames) {
+        let form = decode_page(&hash, &asset, &hierarchy, page, frame).unwrap();
+        for header in form.headers() {
+            match header.child_group() {
+                NO_GROUP => holds_source[header.group() as usize] = true,
+                child => parents[child as usize].push(header.group()),
+            }
+        }
+    }
     let root_pages = (0..asset.root_page_count)
         .map(|page| decode_page(&hash, &asset, &hierarchy, page, &frames[page as usize]).unwrap())
         .collect();
@@ -371,6 +375,7 @@ fn finish(
             page_base: 0,
         },
         parents,
+        holds_source,
         frames,
         asset_bytes,
         hierarchy_bytes,
@@ -378,6 +383,31 @@ fn finish(
 }
 
 impl MadeScene {
+    /// The assets side by side, 30 metres apart.
+    pub fn over(assets: Vec<MadeAsset>) -> Self {
+        let placed = |asset: usize| Instance {
+            asset: asset as u32,
+            world_from_object: [
+                [1.0, 0.0, 0.0, 30.0 * asset as f64],
+                [0.0, 1.0, 0.0, 0.0],
+                [0.0, 0.0, 1.0, 0.0],
+            ],
+        };
+        let used = |made: &MadeAsset| SceneAsset {
+            name: "made".to_owned(),
+            asset: made.opened.hash,
+            materials: vec![],
+        };
+        let scene = Scene {
+            assets: assets.iter().map(used).collect(),
+            instances: (0..assets.len()).map(placed).collect(),
+            ..Scene::default()
+        };
+        let opened = assets.iter().map(|made| made.opened.clone()).collect();
+        let opened = OpenedScene::assemble(scene, opened, 0).unwrap();
+        Self { opened, assets }
+    }
+
     /// A scene-wide page, fetched and checked.
     pub fn decoded(&self, page: u32) -> lodestream_format::disk_form::DiskForm {
         let (index, local) = self.opened.locate(page).unwrap();

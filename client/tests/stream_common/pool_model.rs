@@ -144,8 +144,8 @@ impl<'a> PoolModel<'a> {
                 });
                 let range = ways.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
                 drawn_above[group] = range.unwrap_or((0, 0));
-                if groups[group].level == 0 {
-                    // Its members hold source triangles: nothing finer replaces them.
+                if made.holds_source[group] {
+                    // Nothing finer replaces those members.
                     let drawn = refine[group] as u32;
                     let (fewest, most) = drawn_above[group];
                     assert_eq!(

@@ -151,7 +151,8 @@ fn sum<'a>(policy: String, pool_bytes: u64, outcomes: impl Iterator<Item = &'a O
 }
 
 impl TraceFigures {
-    fn of(trace: &Trace) -> Self {
+    /// Counts the trace's pages and wants.
+    pub fn of(trace: &Trace) -> Self {
         let is_root = |page: u32| trace.header.pages[page as usize].root;
         let mut wanted = vec![false; trace.header.pages.len()];
         let mut most = 0;

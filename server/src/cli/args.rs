@@ -62,7 +62,7 @@ pub(super) struct IngestArgs {
     #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
     pub memory_limit: Option<u64>,
     /// Step of the position grid, rounded down to a power of two.
-    #[arg(long, value_name = "auto|METRES", default_value = "auto", value_parser = values::step)]
+    #[arg(long, value_name = "auto|METRES", default_value = "auto", value_parser = values::step, allow_negative_numbers = true)]
     pub position_step: Step,
     /// Compression of the pages: zstd, lz4 or none.
     #[arg(long, value_name = "CODEC", default_value = "zstd", value_parser = values::codec)]
@@ -116,7 +116,12 @@ pub(super) struct GcArgs {
     #[command(flatten)]
     pub library: LibraryArgs,
     /// Leave objects younger than this, so that an ingest that runs meanwhile is safe.
-    #[arg(long, value_name = "SECONDS", default_value_t = 86_400)]
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 86_400,
+        allow_negative_numbers = true
+    )]
     pub grace_secs: u64,
     /// Only say what would go.
     #[arg(long)]
@@ -140,7 +145,7 @@ pub(super) struct ExportArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
     /// Coarsest cut within this error, metres in the world.
-    #[arg(long, value_name = "METRES", group = "detail", value_parser = values::error_metres)]
+    #[arg(long, value_name = "METRES", group = "detail", value_parser = values::error_metres, allow_negative_numbers = true)]
     pub error: Option<f64>,
     /// Finest cut of at most so many triangles, every instance counted.
     #[arg(long, value_name = "N", group = "detail")]

@@ -4,7 +4,7 @@ use super::args::ServeArgs;
 use super::commands::CommandError;
 use super::output;
 use crate::http::AppState;
-use crate::http::serve::{Server, stop_signal};
+use crate::http::serve::{Server, StopSignal};
 use crate::library::Library;
 
 /// Serves a library.
@@ -24,16 +24,10 @@ pub(super) fn serve(args: ServeArgs) -> Result<(), CommandError> {
             cause,
         };
         let server = Server::bind(&args.listen).await.map_err(listen)?;
+        let stop = StopSignal::install().map_err(CommandError::Runtime)?;
         output::line(format_args!("listening on http://{}", server.address()));
         let state = AppState::new(library, args.cache_bytes as usize);
-        let stopped = async {
-            if let Err(error) = stop_signal().await {
-                tracing::error!("signals: {error}");
-                // Without signals the process can still be killed.
-                std::future::pending::<()>().await;
-            }
-        };
-        server.run(state, stopped).await;
+        server.run(state, stop.wait()).await;
         Ok(())
     })
 }

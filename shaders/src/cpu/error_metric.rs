@@ -151,32 +151,31 @@ mod tests {
     }
 
     proptest! {
-        /// However near the threshold and however bad the cancellation: the sphere and error of a higher level, around
-        /// those of a lower one, never project to less. Otherwise both levels of one surface would be drawn.
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+        /// However bad the cancellation: the sphere and error of a higher level, around those of a lower one, never
+        /// project to less. Otherwise both levels of one surface would be drawn. The spheres touch where they are nearest
+        /// to the eye, so that only rounding decides.
         #[test]
         fn coarser_never_projects_to_less(
             center in prop::array::uniform3(-1e3f32..1e3),
             radius in 0f32..1e3,
-            shift in prop::array::uniform3(-1f64..1.0),
-            shift_scale in prop::sample::select(vec![0.0, 1e-7, 1e-4, 1.0, 100.0]),
-            growth in prop::sample::select(vec![0.0, 1e-7, 1e-3, 1.0]),
+            shift in prop::sample::select(vec![1e-7, 1e-4, 1.0, 300.0]),
+            part in 0f64..1.0,
             level in 0u32..63,
-            eye in prop::array::uniform3(-2e3f64..2e3),
+            eye in prop::array::uniform3(-5e3f64..5e3),
             near in prop::sample::select(vec![1e-6f32, 1e-3, 0.05]),
-            stretch in prop::array::uniform3(1e-2f32..10.0),
+            scale in prop::sample::select(vec![1.0f32, 0.3, 7.7]),
             translation in prop::array::uniform3(-1e7f32..1e7),
         ) {
             prop_assume!(glam::DVec3::from(eye).length() > 1.0);
             let mut view = view(eye, near);
             // The eye near the instance, wherever that is.
             view.eye_high = std::array::from_fn(|axis| translation[axis] + eye[axis] as f32);
-            let diagonal = [stretch[0], 0.0, 0.0, 0.0, stretch[1], 0.0, 0.0, 0.0, stretch[2]];
-            let max_scale = stretch.into_iter().fold(0.0, f32::max) * (1.0 + 1e-6);
-            let instance = instance(diagonal, translation, max_scale);
+            let instance = instance(IDENTITY.map(|value| value * scale), translation, scale);
             let inner = Sphere { center, radius };
-            let center: [f32; 3] = std::array::from_fn(|axis| center[axis] + (shift[axis] * shift_scale) as f32);
+            let center: [f32; 3] = std::array::from_fn(|axis| center[axis] + (view.forward[axis] as f64 * shift * part) as f32);
             let distance = (0..3).map(|axis| (center[axis] as f64 - inner.center[axis] as f64).powi(2)).sum::<f64>().sqrt();
-            let outer = Sphere { center, radius: lodestream_format::bounds::round_up((distance + radius as f64) * (1.0 + growth)) };
+            let outer = Sphere { center, radius: lodestream_format::bounds::round_up(distance + radius as f64) };
             prop_assert!(outer.contains(&inner));
             let fine = projected_error_px(&view, &instance, inner, 0.01, level as f32);
             let coarse = projected_error_px(&view, &instance, outer, 0.01, (level + 1) as f32);

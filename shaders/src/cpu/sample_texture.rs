@@ -131,7 +131,7 @@ fn wrap_uv(flags: u32, uv: Vec2) -> Vec2 {
 
 fn wrap_coordinate(value: f32, clamps: bool, mirrors: bool) -> f32 {
     if clamps {
-        value.max(0.0).min(1.0)
+        value.clamp(0.0, 1.0)
     } else if mirrors {
         let period = value - 2.0 * (value * 0.5).floor();
         1.0 - (1.0 - period).abs()

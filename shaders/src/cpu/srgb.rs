@@ -30,8 +30,8 @@ pub fn linear_from_byte(byte: u8) -> f32 {
 
 /// The nearest byte to a value of 0..=1; beyond it the ends, 0 for what is not a number.
 pub fn byte_from_unit(value: f32) -> u8 {
-    // `max` before `min`: it drops a NaN.
-    (value.max(0.0).min(1.0) * 255.0 + 0.5).floor() as u8
+    // The cast makes 0 of a NaN, which `clamp` keeps.
+    (value.clamp(0.0, 1.0) * 255.0 + 0.5).floor() as u8
 }
 
 /// Opaque RGBA8 of sRGB values.

@@ -4,8 +4,9 @@
 use std::mem::offset_of;
 
 use lodestream_shaders::SceneArrays;
+use lodestream_shaders::cpu::needs_masked;
 use lodestream_shaders::passes;
-use lodestream_shaders::types::{IndirectArgs, material_flag};
+use lodestream_shaders::types::IndirectArgs;
 
 use super::Parts;
 use crate::gpu::error::GpuError;
@@ -21,14 +22,6 @@ pub struct Raster {
     args: wgpu::Buffer,
 }
 
-/// Whether any material can hide a fragment: by its alpha, or by being single-sided.
-pub fn hides_fragments(arrays: &SceneArrays) -> bool {
-    arrays.materials.iter().any(|material| {
-        material.flags & material_flag::MASK != 0
-            || material.flags & material_flag::DOUBLE_SIDED == 0
-    })
-}
-
 impl Raster {
     /// Binds the passes.
     pub fn new(
@@ -36,7 +29,7 @@ impl Raster {
         arrays: &SceneArrays,
         overdraw: bool,
     ) -> Result<Self, GpuError> {
-        let pass = match hides_fragments(arrays) {
+        let pass = match needs_masked(&arrays.materials) {
             true => &passes::RASTER_MASKED,
             false => &passes::RASTER,
         };

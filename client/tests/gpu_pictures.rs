@@ -1,0 +1,140 @@
+//! Visbuffer and colours against their twins, on scenes with several instances, textures and masks.
+
+#![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used)] // A test's way to fail.
+
+mod gpu_common;
+
+use gpu_common::{TestScene, gpu, keep_picture, look, plain_scene, textured_scene};
+use lodestream_client::gpu::{Gpu, Renderer, Work};
+use lodestream_shaders::cpu::{self, Camera, Capacities, near_for_radius};
+use lodestream_shaders::types::{ShadeMode, View};
+
+const SIZE: [u32; 2] = [480, 270];
+const MODES: [ShadeMode; 11] = [
+    ShadeMode::Shaded,
+    ShadeMode::Triangles,
+    ShadeMode::Clusters,
+    ShadeMode::Groups,
+    ShadeMode::Levels,
+    ShadeMode::Pages,
+    ShadeMode::Depth,
+    ShadeMode::Normals,
+    ShadeMode::Overdraw,
+    ShadeMode::Raster,
+    ShadeMode::Materials,
+];
+
+fn cameras() -> [Camera; 3] {
+    [
+        look([0.0, 2.0, 6.0], [0.0, 0.4, 0.0], SIZE),
+        look([1.6, 1.1, 1.9], [0.3, 0.5, 0.0], SIZE),
+        look([0.3, 0.3, 0.6], [1.0, 0.6, 0.0], SIZE),
+    ]
+}
+
+fn view_of(test: &TestScene, camera: &Camera) -> View {
+    let radius = test.arrays.bounds_in_world().unwrap().1;
+    camera
+        .view(near_for_radius(radius), 1.0)
+        .with_scene(&test.arrays, Capacities::UNBOUNDED)
+}
+
+fn drawn(renderer: &mut Renderer, view: &View, mode: ShadeMode) {
+    renderer.set_mode(mode).unwrap();
+    renderer.draw(view, Work::Picture).unwrap();
+    renderer.collect(true).unwrap();
+}
+
+/// At most a thousandth of the pixels may hold another triangle, and only where triangles meet: the found one is a
+/// neighbour of the expected one, in the picture or in depth.
+fn check_visbuffer(expected: &[u64], found: &[u64]) {
+    let width = SIZE[0] as usize;
+    let mut differing = 0;
+    for (at, (a, b)) in expected.iter().zip(found).enumerate() {
+        if *a as u32 == *b as u32 && (*a == 0) == (*b == 0) {
+            let [a, b] = [a, b].map(|word| f32::from_bits((word >> 32) as u32));
+            assert!((a - b).abs() <= 2e-5 * a.abs(), "depth at pixel {at}: {a} {b}");
+            continue;
+        }
+        differing += 1;
+        let near = [0, 1, width, width + 1, width - 1];
+        let around = near
+            .iter()
+            .flat_map(|by| [at.wrapping_sub(*by), at + by])
+            .filter_map(|at| expected.get(at));
+        let among = around.into_iter().any(|word| *word as u32 == *b as u32);
+        let [a, b] = [a, b].map(|word| f32::from_bits((word >> 32) as u32));
+        assert!(
+            among || (a - b).abs() <= 1e-3 * a.max(b),
+            "pixel {at} holds a triangle that is none of its neighbours'"
+        );
+    }
+    assert!(differing * 1000 <= expected.len(), "{differing} pixels differ");
+}
+
+fn largest_difference(a: u32, b: u32) -> u8 {
+    let (a, b) = (a.to_le_bytes(), b.to_le_bytes());
+    (0..4).map(|c| a[c].abs_diff(b[c])).max().unwrap_or(0)
+}
+
+fn compare(gpu: &Gpu, test: &TestScene, name: &str) {
+    let (pool, page_table) = test.twin_pool(1.0);
+    let textures = test.twin_textures();
+    let mut renderer = test.renderer(gpu, 1.0, SIZE);
+    assert_eq!(renderer.page_table(), page_table);
+    for (number, camera) in cameras().iter().enumerate() {
+        let view = view_of(test, camera);
+        for mode in MODES {
+            drawn(&mut renderer, &view, mode);
+            let visible = renderer.read_visible().unwrap();
+            let visbuffer = renderer.read_visbuffer().unwrap();
+            let color = renderer.read_color().unwrap();
+            let twin_view = View {
+                shade_mode: mode as u32,
+                ..view
+            };
+            let arrays = &test.arrays;
+            if mode == ShadeMode::Shaded {
+                keep_picture(&format!("{name}_{number}"), SIZE, &color);
+                let twin = match cpu::needs_masked(&arrays.materials) {
+                    true => cpu::raster_masked(&visible, arrays, &pool, &twin_view, &textures),
+                    false => cpu::raster(&visible, arrays, &pool, &twin_view),
+                };
+                assert!(twin.iter().filter(|word| **word != 0).count() > 10_000);
+                check_visbuffer(&twin, &visbuffer);
+            }
+            let counts = match mode {
+                ShadeMode::Overdraw => cpu::raster_overdraw(&visible, arrays, &pool, &twin_view),
+                _ => Vec::new(),
+            };
+            let twin = cpu::shade(
+                &visbuffer, &visible, arrays, &pool, &twin_view, &textures, &counts,
+            );
+            let wrong = (0..color.len())
+                .filter(|&at| largest_difference(color[at], twin[at]) > 2)
+                .count();
+            // Edges are the rasterizer's to decide; everything else follows from the visbuffer.
+            let allowed = if mode == ShadeMode::Overdraw { color.len() / 500 } else { 0 };
+            if wrong > allowed {
+                let kept = keep_picture(&format!("{name}_{number}_{mode:?}_gpu"), SIZE, &color);
+                keep_picture(&format!("{name}_{number}_{mode:?}_cpu"), SIZE, &twin);
+                panic!("{mode:?}: {wrong} pixels differ, see {}", kept.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn plain_pictures_agree_with_the_twins() {
+    if let Some(gpu) = gpu() {
+        compare(&gpu, &plain_scene(), "plain");
+    }
+}
+
+#[test]
+fn textured_and_masked_pictures_agree_with_the_twins() {
+    if let Some(gpu) = gpu() {
+        compare(&gpu, &textured_scene(), "textured");
+    }
+}
