@@ -25,5 +25,6 @@ pub mod render;
 pub mod report;
 #[cfg(feature = "gpu")]
 pub mod session;
+pub mod trace;
 #[cfg(feature = "gpu")]
 pub mod view;

@@ -77,21 +77,38 @@ impl TraceHeader {
     /// Describes the pages of an opened scene.
     pub fn of(name: &str, scene: &OpenedScene, fps: u32) -> Self {
         let pages = scene.assets.iter().flat_map(|opened| {
-            opened.asset.pages.iter().enumerate().map(|(page, entry)| TracePage {
-                bytes: entry.bytes,
-                memory_words: entry.memory_words,
-                root: page < opened.asset.root_page_count as usize,
-                dependencies: entry.dependencies.iter().map(|page| opened.page_base + page).collect(),
-            })
+            opened
+                .asset
+                .pages
+                .iter()
+                .enumerate()
+                .map(|(page, entry)| TracePage {
+                    bytes: entry.bytes,
+                    memory_words: entry.memory_words,
+                    root: page < opened.asset.root_page_count as usize,
+                    dependencies: entry
+                        .dependencies
+                        .iter()
+                        .map(|page| opened.page_base + page)
+                        .collect(),
+                })
         });
-        Self { version: TRACE_VERSION, scene: name.to_owned(), fps, pages: pages.collect() }
+        Self {
+            version: TRACE_VERSION,
+            scene: name.to_owned(),
+            fps,
+            pages: pages.collect(),
+        }
     }
 }
 
 impl TraceFrame {
     /// Orders the requests, most urgent first, ties by page, so that equal runs give equal bytes.
     pub fn new(frame: u32, requests: &[StreamingRequest]) -> Self {
-        let mut requests: Vec<_> = requests.iter().map(|request| (request.page, request.priority_px)).collect();
+        let mut requests: Vec<_> = requests
+            .iter()
+            .map(|request| (request.page, request.priority_px))
+            .collect();
         requests.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         Self { frame, requests }
     }
@@ -130,16 +147,30 @@ impl Trace {
     /// Reads and checks a trace: every page number is known, dependencies point backwards.
     pub fn read(input: impl BufRead) -> Result<Self, TraceError> {
         let mut lines = input.lines().enumerate();
-        let wrong = |line: usize, expected, found: String| TraceError::Line { line, expected, found };
-        let (_, first) = lines.next().ok_or_else(|| wrong(1, "a trace header", "nothing".into()))?;
-        let header: TraceHeader =
-            serde_json::from_str(&first?).map_err(|error| wrong(1, "a trace header", error.to_string()))?;
+        let wrong = |line: usize, expected, found: String| TraceError::Line {
+            line,
+            expected,
+            found,
+        };
+        let (_, first) = lines
+            .next()
+            .ok_or_else(|| wrong(1, "a trace header", "nothing".into()))?;
+        let header: TraceHeader = serde_json::from_str(&first?)
+            .map_err(|error| wrong(1, "a trace header", error.to_string()))?;
         if header.version != TRACE_VERSION {
             return Err(wrong(1, "version 1", header.version.to_string()));
         }
         for (page, entry) in header.pages.iter().enumerate() {
-            if let Some(wide) = entry.dependencies.iter().find(|&&dependency| dependency as usize >= page) {
-                return Err(wrong(1, "dependencies on earlier pages", format!("page {page} on {wide}")));
+            if let Some(wide) = entry
+                .dependencies
+                .iter()
+                .find(|&&dependency| dependency as usize >= page)
+            {
+                return Err(wrong(
+                    1,
+                    "dependencies on earlier pages",
+                    format!("page {page} on {wide}"),
+                ));
             }
         }
         let mut frames = Vec::new();
@@ -148,9 +179,13 @@ impl Trace {
             if line.is_empty() {
                 continue;
             }
-            let frame: TraceFrame =
-                serde_json::from_str(&line).map_err(|error| wrong(index + 1, "a frame", error.to_string()))?;
-            if let Some((page, _)) = frame.requests.iter().find(|(page, _)| *page as usize >= header.pages.len()) {
+            let frame: TraceFrame = serde_json::from_str(&line)
+                .map_err(|error| wrong(index + 1, "a frame", error.to_string()))?;
+            if let Some((page, _)) = frame
+                .requests
+                .iter()
+                .find(|(page, _)| *page as usize >= header.pages.len())
+            {
                 return Err(wrong(index + 1, "known pages", page.to_string()));
             }
             frames.push(frame);
@@ -164,24 +199,54 @@ mod tests {
     use super::*;
 
     fn header() -> TraceHeader {
-        let page = |root, dependencies| TracePage { bytes: 9, memory_words: 8, root, dependencies };
-        TraceHeader { version: 1, scene: "rock".into(), fps: 30, pages: vec![page(true, vec![]), page(false, vec![0])] }
+        let page = |root, dependencies| TracePage {
+            bytes: 9,
+            memory_words: 8,
+            root,
+            dependencies,
+        };
+        TraceHeader {
+            version: 1,
+            scene: "rock".into(),
+            fps: 30,
+            pages: vec![page(true, vec![]), page(false, vec![0])],
+        }
     }
 
     #[test]
     fn traces_round_trip_and_wrong_lines_are_named() -> Result<(), TraceError> {
         let mut bytes = Vec::new();
         let mut writer = TraceWriter::new(&mut bytes, &header())?;
-        let requests = [StreamingRequest { page: 0, priority_px: 1.0 }, StreamingRequest { page: 1, priority_px: 2.5 }];
+        let requests = [
+            StreamingRequest {
+                page: 0,
+                priority_px: 1.0,
+            },
+            StreamingRequest {
+                page: 1,
+                priority_px: 2.5,
+            },
+        ];
         writer.frame(&TraceFrame::new(0, &requests))?;
         writer.finish()?;
         let trace = Trace::read(bytes.as_slice())?;
         assert_eq!(trace.header, header());
-        assert_eq!(trace.frames, vec![TraceFrame { frame: 0, requests: vec![(1, 2.5), (0, 1.0)] }]);
+        assert_eq!(
+            trace.frames,
+            vec![TraceFrame {
+                frame: 0,
+                requests: vec![(1, 2.5), (0, 1.0)]
+            }]
+        );
 
         bytes.extend(b"{\"frame\":1,\"requests\":[[2,1.0]]}\n");
-        let error = Trace::read(bytes.as_slice()).map(|_| ()).map_err(|error| error.to_string());
-        assert_eq!(error, Err("trace line 3: expected known pages, found 2".into()));
+        let error = Trace::read(bytes.as_slice())
+            .map(|_| ())
+            .map_err(|error| error.to_string());
+        assert_eq!(
+            error,
+            Err("trace line 3: expected known pages, found 2".into())
+        );
         assert!(Trace::read(&b""[..]).is_err() && Trace::read(&b"{}\n"[..]).is_err());
         Ok(())
     }

@@ -50,11 +50,14 @@ fn drawn(renderer: &mut Renderer, view: &View, mode: ShadeMode) {
 /// neighbour of the expected one, in the picture or in depth.
 fn check_visbuffer(expected: &[u64], found: &[u64]) {
     let width = SIZE[0] as usize;
-    let mut differing = 0;
+    let (mut differing, mut deeper) = (0, 0);
     for (at, (a, b)) in expected.iter().zip(found).enumerate() {
         if *a as u32 == *b as u32 && (*a == 0) == (*b == 0) {
             let [a, b] = [a, b].map(|word| f32::from_bits((word >> 32) as u32));
-            assert!((a - b).abs() <= 2e-5 * a.abs(), "depth at pixel {at}: {a} {b}");
+            assert!(
+                (a - b).abs() <= 2e-5 * a.abs(),
+                "depth at pixel {at}: {a} {b}"
+            );
             continue;
         }
         differing += 1;
@@ -70,7 +73,10 @@ fn check_visbuffer(expected: &[u64], found: &[u64]) {
             "pixel {at} holds a triangle that is none of its neighbours'"
         );
     }
-    assert!(differing * 1000 <= expected.len(), "{differing} pixels differ");
+    assert!(
+        differing * 1000 <= expected.len(),
+        "{differing} pixels differ"
+    );
 }
 
 fn largest_difference(a: u32, b: u32) -> u8 {
@@ -83,6 +89,10 @@ fn compare(gpu: &Gpu, test: &TestScene, name: &str) {
     let textures = test.twin_textures();
     let mut renderer = test.renderer(gpu, 1.0, SIZE);
     assert_eq!(renderer.page_table(), page_table);
+    if !test.scene.textures.is_empty() {
+        let texels = renderer.read_texels().unwrap();
+        assert_eq!(texels[..textures.words.len()], textures.words);
+    }
     for (number, camera) in cameras().iter().enumerate() {
         let view = view_of(test, camera);
         for mode in MODES {
@@ -115,7 +125,11 @@ fn compare(gpu: &Gpu, test: &TestScene, name: &str) {
                 .filter(|&at| largest_difference(color[at], twin[at]) > 2)
                 .count();
             // Edges are the rasterizer's to decide; everything else follows from the visbuffer.
-            let allowed = if mode == ShadeMode::Overdraw { color.len() / 500 } else { 0 };
+            let allowed = if mode == ShadeMode::Overdraw {
+                color.len() / 500
+            } else {
+                0
+            };
             if wrong > allowed {
                 let kept = keep_picture(&format!("{name}_{number}_{mode:?}_gpu"), SIZE, &color);
                 keep_picture(&format!("{name}_{number}_{mode:?}_cpu"), SIZE, &twin);

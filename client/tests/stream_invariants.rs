@@ -191,20 +191,18 @@ impl<'a> World<'a> {
         panic!("never settled: {:?}", self.residency.stats());
     }
 
-    /// Pages that are wanted at the shown pixel error, dependencies included, root pages left out.
-    fn wanted(&self) -> Vec<u32> {
-        let shown_px = self.residency.pixel_error();
+    /// Pages that are wanted at a pixel error, dependencies included, root pages left out.
+    fn wanted(&self, pixel_error_px: f32) -> Vec<u32> {
         let mut wanted = vec![false; self.scene.opened.page_count() as usize];
-        for request in self.scene.requests(self.eye, self.half, shown_px) {
+        for request in self.scene.requests(self.eye, self.half, pixel_error_px) {
             wanted[request.page as usize] = true;
         }
         for opened in self.scene.opened.assets.iter().rev() {
-            for (page, entry) in (opened.page_base..)
-                .zip(&opened.asset.pages)
-                .rev()
-                .collect::<Vec<_>>()
+            let entries = opened.asset.pages.iter().enumerate().rev();
+            for (page, entry) in
+                entries.map(|(local, entry)| (opened.page_base as usize + local, entry))
             {
-                if wanted[page as usize] {
+                if wanted[page] {
                     for dependency in &entry.dependencies {
                         wanted[(opened.page_base + dependency) as usize] = true;
                     }
@@ -255,7 +253,7 @@ proptest! {
         world.settle();
         let shown_px = world.residency.pixel_error();
         if case.control == PixelErrorControl::Governed {
-            for page in world.wanted() {
+            for page in world.wanted(world.residency.pixel_error()) {
                 prop_assert!(world.gpu.is_installed(page), "page {page} at {shown_px} px");
             }
         }
@@ -271,7 +269,7 @@ proptest! {
             world.eye = eye;
             world.settle();
             let (shown_px, fetched) = (world.residency.pixel_error(), world.fetched);
-            let wanted = world.wanted();
+            let wanted = world.wanted(world.residency.pixel_error());
             for _ in 0..60 {
                 world.frame(0.25);
                 prop_assert!(world.residency.is_settled());
@@ -284,9 +282,9 @@ proptest! {
                 let says = matches!(world.residency.pixel_error_limit(), PixelErrorLimit::Pool { .. });
                 prop_assert_eq!(raised, says);
                 if raised {
-                    // Not raised for nothing: at what was asked, the pool is too small, or would be fuller than three quarters.
-                    let asked = scene.requests(world.eye, world.half, 1.0);
-                    prop_assert!(!asked.is_empty());
+                    // Not for nothing: the pool is more than three quarters full, or a little less would overflow it.
+                    let (slots, less) = (case.slots as usize, world.wanted(0.98 * shown_px).len());
+                    prop_assert!(wanted.len() * 4 > slots * 3 || less > slots, "{} of {slots}", wanted.len());
                 }
             } else {
                 prop_assert_eq!(shown_px, 1.0);
@@ -308,7 +306,7 @@ proptest! {
             }
         }
         world.settle();
-        prop_assert!(world.wanted().iter().all(|&page| world.gpu.is_installed(page)));
+        prop_assert!(world.wanted(world.residency.pixel_error()).iter().all(|&page| world.gpu.is_installed(page)));
         prop_assert_eq!(world.residency.stats().pages_evicted, 0);
         prop_assert_eq!(world.residency.pixel_error_limit(), PixelErrorLimit::Asked);
     }
@@ -390,7 +388,7 @@ fn one_bad_page_never_stops_the_rest() {
         }
     }
     assert!(hurt.len() > 1, "something depends on the bad page");
-    for page in world.wanted() {
+    for page in world.wanted(world.residency.pixel_error()) {
         assert_eq!(
             world.gpu.is_installed(page),
             !hurt.contains_key(&page),
@@ -413,7 +411,7 @@ fn one_bad_page_never_stops_the_rest() {
     world.settle();
     assert!(
         world
-            .wanted()
+            .wanted(world.residency.pixel_error())
             .iter()
             .all(|&page| world.gpu.is_installed(page))
     );

@@ -2,5 +2,10 @@
 //! compared; one report of it all.
 
 pub mod compare;
+pub mod load;
+pub mod percentiles;
+pub mod policies;
+pub mod record;
 pub mod report;
 pub mod samples;
+pub mod viewer;

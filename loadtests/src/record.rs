@@ -27,7 +27,7 @@ pub enum TraceFormat {
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// A path whose frames are not a whole number a second.
-    #[error("fps: expected a whole number of frames a second from 1 to {}, found {0}", u32::MAX)]
+    #[error("fps: expected a whole number of frames a second from 1 to 4294967295, found {0}")]
     Fps(f64),
     /// A file that cannot be read or written.
     #[error("{file}: {source}")]

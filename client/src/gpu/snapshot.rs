@@ -64,6 +64,12 @@ impl Renderer {
         read(&self.gpu, self.buffer("visible"), count)
     }
 
+    /// The words of all textures' mips.
+    pub fn read_texels(&self) -> Result<Vec<u32>, GpuError> {
+        let texels = self.buffer("texels");
+        read(&self.gpu, texels, texels.size() as usize / 4)
+    }
+
     /// The page pool's words.
     pub fn read_pool(&self) -> Result<Vec<u32>, GpuError> {
         let mut words = Vec::new();

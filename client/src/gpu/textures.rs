@@ -30,7 +30,9 @@ impl Renderer {
             expected: "textures that can be bound".to_owned(),
             found: error.to_string(),
         })?;
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+        let usage = wgpu::BufferUsages::STORAGE
+            | wgpu::BufferUsages::COPY_DST
+            | wgpu::BufferUsages::COPY_SRC;
         let texels = create(&gpu, "texels", layout.words as u64 * 4, usage)?;
         for (index, each) in textures.iter().enumerate() {
             let size = sizes[index];

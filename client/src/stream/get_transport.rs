@@ -1,6 +1,7 @@
 //! A GET a page range, one task each.
 
 use std::collections::HashMap;
+use std::time::Instant;
 
 use tokio::task::AbortHandle;
 
@@ -44,13 +45,14 @@ async fn get(fetch: Fetch, shared: Shared) {
     let opened = &shared.scene.assets[fetch.asset_index];
     let (first, last) = (fetch.first_page, fetch.last_page);
     let answer = shared.source.pages(opened, first, last).await;
+    let came = Instant::now();
     let frames =
         answer.and_then(|bytes| split_frames(&opened.hash, &opened.asset, first, last, &bytes));
     let scene_page = |local: u32| opened.page_base + local;
     // The receiver is gone when the streamer is: then nobody needs to know.
     let tell = |page, result| {
         let result = Box::new(result);
-        let _ = shared.messages.send(Message::Page { page, result });
+        let _ = shared.messages.send(Message::Page { page, came, result });
     };
     match frames {
         Err(error) => (first..=last).for_each(|local| tell(scene_page(local), Err(error.clone()))),

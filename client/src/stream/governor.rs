@@ -4,6 +4,9 @@
 //! pixel error would fit: the priority of the first page that finds no slot. Raising takes one step. Lowering has to
 //! probe, since nothing below the shown pixel error is requested; a probe that overflowed is not repeated before the
 //! view has changed. So a still camera settles: between two changes of the view there are finitely many probes.
+//!
+//! The caller says when the view changes; where it does not, a change is told from the pages above the shown pixel error,
+//! which sees nothing where there are none.
 
 use super::want::Want;
 
@@ -81,6 +84,11 @@ impl Governor {
             self.updates_since_change = 0;
         }
         self.asked_px = asked_px;
+        self.overflow = None;
+    }
+
+    /// The camera or the scene moved: what did not fit may fit now.
+    pub(crate) fn view_changed(&mut self) {
         self.overflow = None;
     }
 

@@ -4,43 +4,53 @@ use lodestream_format::disk_form::DiskForm;
 
 use super::page_state::{PageEvent, PageState};
 use super::policy::Candidate;
-use super::residency::{NO_SLOT, Residency};
+use super::residency::{NO_SLOT, PageForm, Residency};
 
 /// A page to transcode into its place.
 #[derive(Debug, Clone)]
-pub struct Upload {
+pub struct Upload<Form = DiskForm> {
     /// Scene-wide page.
     pub page: u32,
     /// First word of its place in the pool.
     pub word_offset: u32,
     /// What to transcode.
-    pub form: DiskForm,
+    pub form: Form,
 }
 
 /// What the GPU has to do before the next frame's culling, in the order of the fields.
-#[derive(Debug, Clone, Default)]
-pub struct Changes {
+#[derive(Debug, Clone)]
+pub struct Changes<Form = DiskForm> {
     /// Pages whose page-table entry becomes `NOT_INSTALLED`.
     pub evicted: Vec<u32>,
     /// Pages to transcode; their places may be those of evicted pages.
-    pub uploads: Vec<Upload>,
+    pub uploads: Vec<Upload<Form>>,
     /// Pages whose page-table entry becomes the word offset, once they are transcoded.
     pub installed: Vec<(u32, u32)>,
 }
 
-impl Changes {
+impl<Form> Default for Changes<Form> {
+    fn default() -> Self {
+        Self {
+            evicted: Vec::new(),
+            uploads: Vec::new(),
+            installed: Vec::new(),
+        }
+    }
+}
+
+impl<Form> Changes<Form> {
     /// Whether there is nothing to do.
     pub fn is_empty(&self) -> bool {
         self.evicted.is_empty() && self.uploads.is_empty() && self.installed.is_empty()
     }
 }
 
-impl Residency {
+impl<Form: PageForm> Residency<Form> {
     /// Hands out the changes since the last call. They must all be applied, in order.
     ///
     /// A page gets a slot when all that it depends on is installed, so no slot ever holds what cannot be drawn, and the
     /// installed set is closed after every call.
-    pub fn take_changes(&mut self) -> Changes {
+    pub fn take_changes(&mut self) -> Changes<Form> {
         let mut changes = Changes::default();
         for upload in std::mem::take(&mut self.roots) {
             self.install(upload, &mut changes);
@@ -93,12 +103,12 @@ impl Residency {
         self.pages.dependencies(page).iter().all(installed)
     }
 
-    fn take_decoded(&mut self, page: u32) -> Option<DiskForm> {
+    fn take_decoded(&mut self, page: u32) -> Option<Form> {
         self.decoded_bytes -= self.pages.frame_bytes(page) as u64;
         self.decoded.remove(&page)
     }
 
-    fn place(&mut self, page: u32, changes: &mut Changes) {
+    fn place(&mut self, page: u32, changes: &mut Changes<Form>) {
         let Some(slot) = self.slots.take(page) else {
             return;
         };
@@ -116,7 +126,7 @@ impl Residency {
         }
     }
 
-    fn install(&mut self, upload: Upload, changes: &mut Changes) {
+    fn install(&mut self, upload: Upload<Form>, changes: &mut Changes<Form>) {
         let page = upload.page;
         self.step(page, PageEvent::Place);
         changes.installed.push((page, upload.word_offset));
@@ -149,7 +159,7 @@ impl Residency {
     }
 
     /// Frees the slot of the policy's choice; what it depended on may be the next candidate.
-    fn evict_one(&mut self, candidates: &mut Vec<Candidate>, changes: &mut Changes) -> bool {
+    fn evict_one(&mut self, candidates: &mut Vec<Candidate>, changes: &mut Changes<Form>) -> bool {
         // An unwanted page that was installed in this very call is a candidate only from the next one on: wanted pages come
         // first, so none has been.
         let Some(last) = candidates.len().checked_sub(1) else {

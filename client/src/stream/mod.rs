@@ -13,6 +13,7 @@
 //! `residency` holds the state between these stages and knows neither clock nor network; `streamer` brings both.
 
 mod error;
+mod fetch_timing;
 mod folder_source;
 mod get_transport;
 mod governor;
@@ -34,6 +35,7 @@ mod want;
 mod window;
 
 pub use error::{Retry, StreamError};
+pub use fetch_timing::FetchTiming;
 pub use governor::{PixelErrorControl, PixelErrorLimit};
 pub use install::{Changes, Upload};
 pub use opened_scene::{OpenParts, OpenedAsset, OpenedScene};
@@ -42,7 +44,8 @@ pub use page_check::{decode_page, split_frames};
 pub use page_state::{IllegalTransition, PageEvent, PageState};
 pub use policy::{Candidate, DecayedError, EvictionPolicy, LowestError, Lru, smallest};
 pub use pool::{MIN_SLOTS, NOT_INSTALLED, PoolLayout};
-pub use residency::{Residency, ResidencyConfig};
+pub use residency::{PageForm, Residency, ResidencyConfig};
+pub use scene_pages::{PageFacts, ScenePages};
 pub use source::{PageAnswer, Source};
 pub use stats::StreamStats;
 pub use streamer::{Streamer, Transport};

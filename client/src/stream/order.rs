@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use super::page_state::{PageEvent, PageState};
-use super::residency::{InFlight, Residency};
+use super::residency::{InFlight, PageForm, Residency};
 
 /// Pages to fetch in one request.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,7 +50,7 @@ impl PartialOrd for Turn {
     }
 }
 
-impl Residency {
+impl<Form: PageForm> Residency<Form> {
     /// Fetches to send now, most urgent first. All that is wanted and not sent is put in order anew with every call.
     pub fn next_fetches(&mut self, now_secs: f64) -> Vec<Fetch> {
         let mut fetches = Vec::new();

@@ -36,14 +36,27 @@ impl PoolLayout {
     /// # Errors
     /// [`StreamError::Pool`] where the root pages and [`MIN_SLOTS`] slots do not fit; it names both numbers.
     pub fn new(scene: &OpenedScene, pool_bytes: u64) -> Result<Self, StreamError> {
+        let roots = scene.assets.iter().flat_map(|opened| {
+            let entries = opened.asset.pages.iter().zip(opened.page_base..);
+            let roots = entries.take(opened.asset.root_page_count as usize);
+            roots.map(|(entry, page)| (page, entry.memory_words))
+        });
+        Self::over(roots, pool_bytes)
+    }
+
+    /// The same over the scene-wide numbers and memory words of the root pages, ascending.
+    ///
+    /// # Errors
+    /// As [`PoolLayout::new`].
+    pub fn over(
+        root_words: impl Iterator<Item = (u32, u32)>,
+        pool_bytes: u64,
+    ) -> Result<Self, StreamError> {
         let mut roots = Vec::new();
         let mut word = 0u64;
-        for opened in &scene.assets {
-            let entries = opened.asset.pages.iter().zip(opened.page_base..);
-            for (entry, page) in entries.take(opened.asset.root_page_count as usize) {
-                roots.push((page, word as u32));
-                word += (entry.memory_words as u64).next_multiple_of(GRANULE_WORDS);
-            }
+        for (page, memory_words) in root_words {
+            roots.push((page, word as u32));
+            word += (memory_words as u64).next_multiple_of(GRANULE_WORDS);
         }
         let reach = (NOT_INSTALLED as u64).min(pool_bytes / 4);
         let slot_count = reach.saturating_sub(word) / PAGE_WORDS as u64;

@@ -4,6 +4,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::ops::Range;
+use std::time::Instant;
 
 use lodestream_format::limits::MAX_PAGES_A_REQUEST;
 use lodestream_format::wire::{PageWant, PagesPost};
@@ -162,7 +163,7 @@ fn wants(scene: &OpenedScene, pages: &[(u32, f32)]) -> Vec<PageWant> {
 async fn answer(post: PagesPost, shared: Shared) {
     let mut decoding = JoinSet::new();
     let take = |page: PageAnswer| {
-        decoding.spawn(decode(page, shared.clone()));
+        decoding.spawn(decode(page, Instant::now(), shared.clone()));
     };
     let result = shared.source.post_pages(&post, take).await;
     // The end must be told after the pages: it says that no more come.
@@ -173,7 +174,7 @@ async fn answer(post: PagesPost, shared: Shared) {
     });
 }
 
-async fn decode(answer: PageAnswer, shared: Shared) {
+async fn decode(answer: PageAnswer, came: Instant, shared: Shared) {
     let of_answer = |opened: &&OpenedAsset| {
         opened.hash == answer.asset && (answer.page as usize) < opened.asset.pages.len()
     };
@@ -202,6 +203,6 @@ async fn decode(answer: PageAnswer, shared: Shared) {
             }
         };
         let result = Box::new(result);
-        let _ = shared.messages.send(Message::Page { page, result });
+        let _ = shared.messages.send(Message::Page { page, came, result });
     }
 }

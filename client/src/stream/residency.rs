@@ -17,7 +17,7 @@ use super::opened_scene::OpenedScene;
 use super::page_state::{PageEvent, PageState};
 use super::policy::{DecayedError, EvictionPolicy};
 use super::pool::{PoolLayout, Slots};
-use super::scene_pages::ScenePages;
+use super::scene_pages::{PageFacts, ScenePages};
 use super::stats::StreamStats;
 use super::want::{Closure, StreamingRequest, Want, admit};
 use super::window::{Ticket, Window};
@@ -90,17 +90,29 @@ pub(super) struct InFlight {
     pub(super) pages: Vec<u32>,
 }
 
+/// What arrives of a page. A viewer's is the checked disk form; a simulation keeps the number alone.
+pub trait PageForm {
+    /// Number of the page in its asset.
+    fn page(&self) -> u32;
+}
+
+impl PageForm for DiskForm {
+    fn page(&self) -> u32 {
+        DiskForm::page(self)
+    }
+}
+
 /// See the module.
-pub struct Residency {
+pub struct Residency<Form = DiskForm> {
     pub(super) pages: ScenePages,
     pub(super) layout: PoolLayout,
     pub(super) records: Vec<PageRecord>,
     pub(super) slots: Slots,
     pub(super) policy: Box<dyn EvictionPolicy>,
-    pub(super) decoded: BTreeMap<u32, DiskForm>,
+    pub(super) decoded: BTreeMap<u32, Form>,
     pub(super) decoded_bytes: u64,
     /// Root pages before the first `take_changes`.
-    pub(super) roots: Vec<Upload>,
+    pub(super) roots: Vec<Upload<Form>>,
     /// Admitted and not installed, ascending.
     pub(super) missing: Vec<u32>,
     pub(super) fetches: BTreeMap<u64, InFlight>,
@@ -125,15 +137,48 @@ impl Residency {
     /// [`StreamError::Pool`] where the pool is too small; [`StreamError::Setting`] where the pixel error is not a positive
     /// number.
     pub fn new(scene: &OpenedScene, config: ResidencyConfig) -> Result<Self, StreamError> {
-        check_pixel_error(config.pixel_error_px)?;
         let layout = PoolLayout::new(scene, config.pool_bytes)?;
-        let pages = ScenePages::new(scene);
         let forms = scene.assets.iter().flat_map(|opened| &opened.root_pages);
         let roots = layout.roots.iter().zip(forms).map(|(&place, form)| Upload {
             page: place.0,
             word_offset: place.1,
             form: form.clone(),
         });
+        let roots = roots.collect();
+        Self::start(ScenePages::new(scene), layout, roots, config)
+    }
+}
+
+impl<Form: PageForm> Residency<Form> {
+    /// Over pages without a scene: `root_form` makes what stands for a root page of its number in its asset.
+    ///
+    /// # Errors
+    /// Those of [`Residency::new`] and [`ScenePages::of_pages`].
+    pub fn over(
+        facts: &[PageFacts],
+        root_form: impl Fn(u32) -> Form,
+        config: ResidencyConfig,
+    ) -> Result<Self, StreamError> {
+        let pages = ScenePages::of_pages(facts)?;
+        let roots = (0..).zip(facts).filter(|(_, page)| page.is_root);
+        let root_words = roots.map(|(number, page)| (number, page.memory_words));
+        let layout = PoolLayout::over(root_words, config.pool_bytes)?;
+        let roots = layout.roots.iter().map(|&(page, word_offset)| Upload {
+            page,
+            word_offset,
+            form: root_form(pages.number_in_asset(page)),
+        });
+        let roots = roots.collect();
+        Self::start(pages, layout, roots, config)
+    }
+
+    fn start(
+        pages: ScenePages,
+        layout: PoolLayout,
+        roots: Vec<Upload<Form>>,
+        config: ResidencyConfig,
+    ) -> Result<Self, StreamError> {
+        check_pixel_error(config.pixel_error_px)?;
         let record = PageRecord {
             state: PageState::Absent,
             wanted_update: 0,
@@ -144,7 +189,7 @@ impl Residency {
             failures: 0,
         };
         let mut residency = Self {
-            roots: roots.collect(),
+            roots,
             records: vec![record; pages.count() as usize],
             slots: Slots::new(layout.slot_count),
             closure: Closure::new(pages.count()),
@@ -254,7 +299,7 @@ impl Residency {
     }
 
     /// Takes a page that came, or the reason why it did not. A page that is not in flight (any more) is passed over.
-    pub fn arrived(&mut self, page: u32, result: Result<DiskForm, StreamError>, now_secs: f64) {
+    pub fn arrived(&mut self, page: u32, result: Result<Form, StreamError>, now_secs: f64) {
         if page >= self.pages.count() || self.state(page) != PageState::InFlight {
             self.stats.pages_superseded += 1;
             return;
@@ -354,9 +399,11 @@ impl Residency {
         self.quiet_updates >= self.readback_updates && self.is_idle()
     }
 
-    /// Tells that the camera or the scene jumped: readbacks on their way say nothing about it, so [`Residency::is_settled`]
-    /// waits until they have come.
+    /// Tells that the camera or the scene moved; to be called with every frame in which it did. Readbacks on their way say
+    /// nothing about the new view, so [`Residency::is_settled`] waits until they have come, and the pixel error may probe anew
+    /// what did not fit.
     pub fn view_changed(&mut self) {
+        self.governor.view_changed();
         self.quiet_updates = 0;
     }
 
@@ -395,6 +442,11 @@ impl Residency {
             pixel_error_shown: self.governor.shown_px(),
             ..self.stats.clone()
         }
+    }
+
+    /// Sizes and dependencies of the pages.
+    pub fn pages(&self) -> &ScenePages {
+        &self.pages
     }
 
     /// Where everything lies in the pool.

@@ -9,6 +9,7 @@ use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
 
 use super::error::StreamError;
+use super::fetch_timing::{FetchTiming, FetchTimings};
 use super::get_transport::GetTransport;
 use super::governor::PixelErrorLimit;
 use super::install::Changes;
@@ -35,6 +36,8 @@ pub(crate) enum Message {
     /// A page came or failed.
     Page {
         page: u32,
+        /// When its bytes were there, before they were decompressed.
+        came: Instant,
         result: Box<Result<DiskForm, StreamError>>,
     },
     /// A GET ended, and all its pages have been told of.
@@ -69,6 +72,7 @@ pub struct Streamer {
     sending: Sending,
     arrivals: Receiver<Message>,
     started: Instant,
+    timings: Option<FetchTimings>,
 }
 
 impl Streamer {
@@ -96,6 +100,7 @@ impl Streamer {
             sending,
             arrivals,
             started: Instant::now(),
+            timings: None,
             shared: Shared {
                 source,
                 scene,
@@ -110,6 +115,9 @@ impl Streamer {
     pub fn tick(&mut self, requests: &[StreamingRequest]) -> Changes {
         self.receive();
         let now_secs = self.now_secs();
+        if let Some(timings) = &mut self.timings {
+            timings.update += 1;
+        }
         self.residency.update(now_secs, requests);
         self.send(now_secs);
         self.residency.take_changes()
@@ -147,7 +155,10 @@ impl Streamer {
     fn take(&mut self, message: Message) {
         let now_secs = self.now_secs();
         match (message, &mut self.sending) {
-            (Message::Page { page, result }, sending) => {
+            (Message::Page { page, came, result }, sending) => {
+                if let Some(timings) = &mut self.timings {
+                    timings.arrived(page, came, result.as_ref().as_ref().err());
+                }
                 if let Sending::Post(post) = sending {
                     post.arrived(page);
                 }
@@ -156,6 +167,9 @@ impl Streamer {
             (Message::GetEnded { fetch }, Sending::Get(get)) => get.ended(fetch),
             (Message::PostEnded { sequence, error }, Sending::Post(post)) => {
                 for (page, error) in post.ended(sequence, error) {
+                    if let Some(timings) = &mut self.timings {
+                        timings.arrived(page, Instant::now(), Some(&error));
+                    }
                     self.residency.arrived(page, Err(error), now_secs);
                 }
             }
@@ -168,6 +182,15 @@ impl Streamer {
     fn send(&mut self, now_secs: f64) {
         let cancelled = self.residency.cancelled();
         let fetches = self.residency.next_fetches(now_secs);
+        if let Some(timings) = &mut self.timings {
+            cancelled.iter().for_each(|&fetch| timings.cancelled(fetch));
+            let (pages, now) = (self.residency.pages(), Instant::now());
+            for fetch in &fetches {
+                let range = pages.fetched(fetch);
+                let bytes = range.clone().map(|page| u64::from(pages.frame_bytes(page)));
+                timings.issued(fetch.id, range.clone(), bytes.sum(), now);
+            }
+        }
         match &mut self.sending {
             Sending::Get(get) => get.send(&cancelled, &fetches, &self.shared),
             Sending::Post(post) => {
@@ -180,6 +203,16 @@ impl Streamer {
                 );
             }
         }
+    }
+
+    /// From now on notes how long fetches take, for [`Streamer::take_timings`].
+    pub fn time_fetches(&mut self) {
+        self.timings.get_or_insert_default();
+    }
+
+    /// Fetches that ended since the last call.
+    pub fn take_timings(&mut self) -> Vec<FetchTiming> {
+        self.timings.as_mut().map_or(Vec::new(), FetchTimings::take)
     }
 
     /// The residency, for its questions: settled, stalled, pixel error, layout.

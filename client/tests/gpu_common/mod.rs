@@ -6,9 +6,8 @@
 
 use std::sync::Arc;
 
-use lodestream_client::gpu::{Gpu, PageUpload, Renderer, instance};
+use lodestream_client::gpu::{Gpu, PageUpload, Renderer, TextureBytes, instance};
 use lodestream_format::disk_form::DiskForm;
-use lodestream_client::gpu::TextureBytes;
 use lodestream_format::scene::{
     AlphaMode, Instance, Material, MediaType, SceneAsset, Texture, TextureUse, Wrap,
 };
@@ -90,12 +89,12 @@ impl TestScene {
                 .chain(&self.images)
                 .chain([&scene]);
             for object in objects {
-                library
-                    .put_object(object.clone().into(), 0)
-                    .await
-                    .unwrap();
+                library.put_object(object.clone().into(), 0).await.unwrap();
             }
-            library.publish(name, ContentHash::of(&scene)).await.unwrap();
+            library
+                .publish(name, ContentHash::of(&scene))
+                .await
+                .unwrap();
         });
     }
 
@@ -329,7 +328,11 @@ pub fn checker(n: u32, holes: bool) -> Vec<u8> {
         let odd = (x * 4 / n + y * 4 / n) % 2 == 1;
         let alpha = if holes && odd { 0 } else { 255 };
         let ramp = (x * 255 / n) as u8;
-        texel.0 = if odd { [240, ramp, 40, alpha] } else { [30, 90, ramp, alpha] };
+        texel.0 = if odd {
+            [240, ramp, 40, alpha]
+        } else {
+            [30, 90, ramp, alpha]
+        };
     }
     let mut png = std::io::Cursor::new(Vec::new());
     image.write_to(&mut png, image::ImageFormat::Png).unwrap();

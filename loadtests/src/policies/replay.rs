@@ -1,8 +1,7 @@
 //! One replay: a trace through the real residency, in simulated time over a simulated link. No byte of a page is needed.
 
 use lodestream_client::stream::{
-    EvictionPolicy, Fetch, PageFacts, PageForm, PageState, Residency, ResidencyConfig, ScenePages, StreamError,
-    StreamingRequest,
+    EvictionPolicy, Fetch, PageFacts, PageForm, PageState, Residency, ResidencyConfig, StreamError, StreamingRequest,
 };
 use lodestream_client::trace::{Trace, TraceHeader};
 
@@ -45,7 +44,7 @@ pub struct Outcome {
 
 /// A page that came: its number in its asset stands for its bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SimulatedPage(u32);
+pub struct SimulatedPage(pub u32);
 
 impl PageForm for SimulatedPage {
     fn page(&self) -> u32 {
@@ -54,14 +53,14 @@ impl PageForm for SimulatedPage {
 }
 
 /// The pages of a trace as residency wants them.
-pub fn scene_pages(header: &TraceHeader) -> ScenePages {
+fn page_facts(header: &TraceHeader) -> Vec<PageFacts> {
     let facts = header.pages.iter().map(|page| PageFacts {
         frame_bytes: page.bytes,
         memory_words: page.memory_words,
         is_root: page.root,
         dependencies: page.dependencies.clone(),
     });
-    ScenePages::of_pages(facts)
+    facts.collect()
 }
 
 /// A viewer in the middle of a replay.
@@ -90,7 +89,7 @@ pub fn replay(trace: &Trace, policy: Box<dyn EvictionPolicy>, options: ReplayOpt
     let mut replay = Replay {
         trace,
         options,
-        residency: Residency::over(scene_pages(&trace.header), SimulatedPage, config)?,
+        residency: Residency::over(&page_facts(&trace.header), SimulatedPage, config)?,
         link: Link::new(options.link),
         missing_since_secs: vec![None; trace.header.pages.len()],
         outcome: Outcome::default(),
@@ -133,7 +132,7 @@ impl Replay<'_> {
 
     fn send(&mut self, fetch: &Fetch, now_secs: f64) {
         let pages = self.residency.pages();
-        for page in pages.scene_range(fetch) {
+        for page in pages.fetched(fetch) {
             self.link.send(fetch.id, page, pages.frame_bytes(page), now_secs);
         }
     }

@@ -1,15 +1,17 @@
 //! How far two surfaces over the same vertices lie apart: a two-sided Hausdorff distance, all in f64 over exact coordinates.
 //!
 //! The distance to a surface has its peaks where the other surface bends: at vertices, and where an edge of one crosses
-//! an edge of the other. So samples are the vertices that vanished, and a grid of points on the triangles and edges
-//! that one surface has and the other has not; the largest few are then climbed to the peak next to them.
+//! an edge of the other. So samples are the vertices that vanished and the centroids and edge midpoints of new triangles (and the
+//! centroids of triangles that vanished between vertices that stay); the largest few are climbed to the peak next to them.
 
 use super::triangle_tree::{Point, TriangleTree};
 
 /// Peaks climbed to, each way.
-const CLIMBS: usize = 4;
+const CLIMBS: usize = 6;
 /// Steps of a climb; one that finds nothing higher halves the stride.
 const STEPS: usize = 12;
+/// A sample of this share of the largest squared distance may still lead to a higher peak.
+const CLIMBABLE: f64 = 0.4;
 /// Share added for the peaks that no sample stood next to. Tests measure far more densely what is left.
 const MARGIN: f64 = 0.05;
 
@@ -47,27 +49,24 @@ pub(super) fn distance(
             peaks.take(point(vertex), None);
         }
         for (index, corners) in replaced.iter().enumerate() {
-            peaks.take(mean(&corners.map(point)), Some(index));
-        }
-        for (a, b, index) in edges(&replaced) {
-            peaks.take(mean(&[point(a), point(b)]), Some(index));
+            // Where a corner vanished, it is the farthest.
+            if corners.iter().all(|&vertex| used[vertex as usize]) {
+                peaks.take(mean(&corners.map(point)), Some(index));
+            }
         }
         worst = peaks.climb(|index| replaced[index].map(point));
     }
     if !new.is_empty() {
         let tree = TriangleTree::new(positions, before);
         let mut peaks = Peaks::new(&tree, worst);
-        for (index, corners) in new.iter().enumerate() {
-            let corners = corners.map(point);
-            for nearer in 0..3 {
-                let [a, b, c] = [0, 1, 2].map(|turn| corners[(nearer + turn) % 3]);
-                peaks.take(mean(&[a, a, b, c]), Some(index));
-            }
-        }
-        for (a, b, index) in edges(&new) {
-            let (a, b) = (point(a), point(b));
-            for sample in [mean(&[a, b]), mean(&[a, a, a, b]), mean(&[a, b, b, b])] {
-                peaks.take(sample, Some(index));
+        for (index, &corners) in new.iter().enumerate() {
+            peaks.take(mean(&corners.map(point)), Some(index));
+            for side in 0..3 {
+                let [a, b] = [corners[side], corners[(side + 1) % 3]];
+                // Once for the two triangles of an edge, also across a seam. Edges of one new triangle are old edges.
+                if positions[a as usize] < positions[b as usize] {
+                    peaks.take(mean(&[point(a), point(b)]), Some(index));
+                }
             }
         }
         worst = peaks.climb(|index| new[index].map(point));
@@ -78,6 +77,8 @@ pub(super) fn distance(
 /// The largest distances to a surface so far.
 struct Peaks<'a> {
     surface: &'a TriangleTree,
+    /// Triangle of the surface that the last sample was near to.
+    near: u32,
     worst: f64,
     /// Squared distance, sample, and the triangle it lies on; largest first.
     highest: Vec<(f64, Point, usize)>,
@@ -87,19 +88,24 @@ impl<'a> Peaks<'a> {
     fn new(surface: &'a TriangleTree, worst: f64) -> Self {
         Self {
             surface,
+            near: 0,
             worst,
             highest: Vec::with_capacity(CLIMBS + 1),
         }
     }
 
+    fn to_surface(&mut self, sample: Point, enough: f64) -> f64 {
+        self.surface
+            .distance_squared_near(sample, enough, &mut self.near)
+    }
+
     /// Measures a sample; one on a triangle may be climbed from.
     fn take(&mut self, sample: Point, triangle: Option<usize>) {
-        // Half the largest distance could still lead to a higher peak.
-        let squared = self.surface.distance_squared(sample, 0.25 * self.worst);
+        let squared = self.to_surface(sample, CLIMBABLE * self.worst);
         self.worst = self.worst.max(squared);
         let Some(triangle) = triangle else { return };
         let lowest = self.highest.last().filter(|_| self.highest.len() == CLIMBS);
-        if squared > 0.25 * self.worst && lowest.is_none_or(|&(lowest, ..)| squared > lowest) {
+        if squared > CLIMBABLE * self.worst && lowest.is_none_or(|&(lowest, ..)| squared > lowest) {
             let at = self
                 .highest
                 .partition_point(|&(higher, ..)| higher >= squared);
@@ -111,7 +117,7 @@ impl<'a> Peaks<'a> {
     /// Pattern search over each triangle from its sample (Hooke and Jeeves, 1961); gives the largest squared distance.
     fn climb(mut self, corners: impl Fn(usize) -> [Point; 3]) -> f64 {
         for (mut height, mut at, triangle) in std::mem::take(&mut self.highest) {
-            if height < 0.25 * self.worst {
+            if height < CLIMBABLE * self.worst {
                 continue;
             }
             let corners = corners(triangle);
@@ -122,7 +128,7 @@ impl<'a> Peaks<'a> {
                 });
                 let best = towards
                     .into_iter()
-                    .map(|sample: Point| (self.surface.distance_squared(sample, height), sample))
+                    .map(|sample: Point| (self.to_surface(sample, height), sample))
                     .max_by(|a, b| a.0.total_cmp(&b.0));
                 match best.filter(|&(higher, _)| higher > height) {
                     Some((higher, sample)) => (height, at) = (higher, sample),
@@ -135,24 +141,16 @@ impl<'a> Peaks<'a> {
     }
 }
 
-/// Edges of some triangles, each once, with a triangle it belongs to.
-fn edges(triangles: &[[u32; 3]]) -> Vec<(u32, u32, usize)> {
-    let mut edges: Vec<(u32, u32, usize)> = triangles
-        .iter()
-        .enumerate()
-        .flat_map(|(index, &[a, b, c])| {
-            [(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b), a.max(b), index))
-        })
-        .collect();
-    edges.sort_unstable();
-    edges.dedup_by_key(|&mut (a, b, _)| (a, b));
-    edges
-}
-
 /// Triangles of `all` that are not among `others`, whichever corner comes first.
 fn difference(all: &[[u32; 3]], others: &[[u32; 3]]) -> Vec<[u32; 3]> {
-    let canonical = |&[a, b, c]: &[u32; 3]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min();
-    let mut known: Vec<_> = others.iter().map(canonical).collect();
+    // A group has some thousands of vertices: three indices fit one word.
+    let packed = |[a, b, c]: [u32; 3]| (a as u64) << 42 | (b as u64) << 21 | c as u64;
+    let canonical = |&[a, b, c]: &[u32; 3]| {
+        packed([a, b, c])
+            .min(packed([b, c, a]))
+            .min(packed([c, a, b]))
+    };
+    let mut known: Vec<u64> = others.iter().map(canonical).collect();
     known.sort_unstable();
     all.iter()
         .filter(|&corners| known.binary_search(&canonical(corners)).is_err())

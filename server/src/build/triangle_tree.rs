@@ -11,12 +11,19 @@ struct Bounds {
     max: [f32; 3],
 }
 
+/// Four boxes, coordinate by coordinate; unused ones are infinitely far.
+#[derive(Debug, Clone, Copy)]
+struct FourBounds {
+    min: [[f32; WIDTH]; 3],
+    max: [[f32; WIDTH]; 3],
+}
+
 /// Triangles for nearest-distance queries: what the builder measures its error with, and tests and reports likewise.
 #[derive(Debug)]
 pub struct TriangleTree {
     corners: Vec<[Point; 3]>,
-    /// Boxes of triangles, of fours of triangles, and so on; the last level has one box.
-    levels: Vec<Vec<Bounds>>,
+    /// Boxes of triangles, of fours of triangles, and so on; the last level has one four.
+    levels: Vec<Vec<FourBounds>>,
 }
 
 impl TriangleTree {
@@ -35,9 +42,14 @@ impl TriangleTree {
                 .iter()
                 .map(|&(_, index)| triangles[index as usize].map(at))
         };
-        let mut levels = vec![sorted().map(|corners| around(&corners)).collect::<Vec<_>>()];
-        while let Some(below) = levels.last().filter(|below| below.len() > 1) {
-            levels.push(below.chunks(WIDTH).map(merge).collect());
+        let mut row: Vec<Bounds> = sorted().map(|corners| around(&corners)).collect();
+        let mut levels = Vec::new();
+        while !row.is_empty() {
+            levels.push(row.chunks(WIDTH).map(gather).collect());
+            if row.len() <= WIDTH {
+                break;
+            }
+            row = row.chunks(WIDTH).map(merge).collect();
         }
         Self {
             corners: sorted()
@@ -50,39 +62,48 @@ impl TriangleTree {
     /// Squared distance from `point` to the nearest triangle; any value not above `enough` stands for every other one.
     /// Infinite without triangles.
     pub fn distance_squared(&self, point: Point, enough: f64) -> f64 {
-        let mut nearest = f64::INFINITY;
-        let top = self.levels.len() - 1;
-        if self.corners.is_empty() {
-            return nearest;
-        }
+        self.distance_squared_near(point, enough, &mut 0)
+    }
+
+    /// The same. `hint` is a triangle to start from, the nearer the faster, and becomes the one that was found: samples
+    /// in a row lie near each other.
+    pub(super) fn distance_squared_near(&self, point: Point, enough: f64, hint: &mut u32) -> f64 {
+        let Some(first) = self.corners.get(*hint as usize) else {
+            return f64::INFINITY;
+        };
+        let mut nearest = to_triangle(point, first);
         let mut stack = [(0u32, 0u32, 0.0f64); 64];
-        stack[0] = (top as u32, 0, 0.0);
+        stack[0] = (self.levels.len() as u32, 0, 0.0);
         let mut depth = 1;
-        while depth > 0 {
+        while depth > 0 && nearest > enough {
             depth -= 1;
             let (level, index, distance) = stack[depth];
             if distance >= nearest {
                 continue;
             }
             if level == 0 {
-                nearest = nearest.min(to_triangle(point, &self.corners[index as usize]));
-                if nearest <= enough {
-                    return nearest;
+                let own = to_triangle(point, &self.corners[index as usize]);
+                if own < nearest {
+                    (nearest, *hint) = (own, index);
                 }
                 continue;
             }
-            let below = &self.levels[level as usize - 1];
-            let first = index as usize * WIDTH;
+            let four = &self.levels[level as usize - 1][index as usize];
+            let distances = to_bounds(point, four);
             let from = depth;
-            for child in first..(first + WIDTH).min(below.len()) {
-                let distance = to_bounds(point, &below[child]);
+            for (lane, &distance) in distances.iter().enumerate() {
+                let child = index as usize * WIDTH + lane;
                 if distance < nearest {
-                    // At most three more a level and 17 levels: 2^32 triangles.
-                    stack[depth] = (level - 1, child as u32, distance);
+                    // At most three more a level and 17 levels: 2^32 triangles. Nearest last, since it is taken first.
+                    let mut at = depth;
+                    while at > from && stack[at - 1].2 < distance {
+                        stack[at] = stack[at - 1];
+                        at -= 1;
+                    }
+                    stack[at] = (level - 1, child as u32, distance);
                     depth += 1;
                 }
             }
-            stack[from..depth].sort_unstable_by(|a, b| b.2.total_cmp(&a.2));
         }
         nearest
     }
@@ -125,13 +146,33 @@ fn merge(all: &[Bounds]) -> Bounds {
     })
 }
 
-fn to_bounds(point: Point, bounds: &Bounds) -> f64 {
-    (0..3)
-        .map(|axis| {
-            let (low, high) = (bounds.min[axis] as f64, bounds.max[axis] as f64);
-            (low - point[axis]).max(point[axis] - high).max(0.0).powi(2)
-        })
-        .sum()
+fn gather(boxes: &[Bounds]) -> FourBounds {
+    let lane = |lane: usize, pick: fn(&Bounds) -> [f32; 3], axis: usize| {
+        boxes
+            .get(lane)
+            .map_or(f32::INFINITY, |bounds| pick(bounds)[axis])
+    };
+    FourBounds {
+        min: std::array::from_fn(|axis| {
+            std::array::from_fn(|i| lane(i, |bounds| bounds.min, axis))
+        }),
+        max: std::array::from_fn(|axis| {
+            std::array::from_fn(|i| lane(i, |bounds| bounds.max, axis))
+        }),
+    }
+}
+
+fn to_bounds(point: Point, four: &FourBounds) -> [f64; WIDTH] {
+    let mut sums = [0.0; WIDTH];
+    for axis in 0..3 {
+        for lane in 0..WIDTH {
+            let below = four.min[axis][lane] as f64 - point[axis];
+            let above = point[axis] - four.max[axis][lane] as f64;
+            let outside = below.max(above).max(0.0);
+            sums[lane] += outside * outside;
+        }
+    }
+    sums
 }
 
 /// Squared distance from a point to a triangle; also right for triangles without area.

@@ -1,9 +1,9 @@
 //! The subcommands that end by themselves.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use lodestream_format::ContentHash;
+use lodestream_format::{Asset, ContentHash};
 use tokio::runtime::Handle;
 
 use super::args::{Command, ExportArgs, GcArgs, IngestArgs, LibraryArgs, SceneArgs, VerifyArgs};
@@ -20,9 +20,9 @@ pub(super) enum CommandError {
     #[error(transparent)]
     Library(#[from] LibraryError),
     #[error(transparent)]
-    Ingest(#[from] IngestError),
+    Ingest(Box<IngestError>),
     #[error(transparent)]
-    Export(#[from] ExportError),
+    Export(Box<ExportError>),
     #[error("{found}: expected no fault, found {faults}")]
     Faults { found: String, faults: usize },
     #[error("{}: cannot write the report: {cause}", file.display())]
@@ -72,7 +72,8 @@ fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(), CommandE
         },
         progress: !quiet,
     };
-    let done = ingest::ingest(handle, &library, &options)?;
+    let done = ingest::ingest(handle, &library, &options)
+        .map_err(|error| CommandError::Ingest(Box::new(error)))?;
     output::report(args.report.as_deref(), &done)?;
     if !quiet {
         for warning in &done.warnings {
@@ -152,13 +153,12 @@ fn show(handle: &Handle, args: &SceneArgs) -> Result<(), CommandError> {
 async fn figures(library: &Library, name: &str) -> Result<SceneFigures, LibraryError> {
     let reference = library.reference(name).await?;
     let scene = library.scene(&reference.scene).await?;
-    let mut assets = BTreeMap::new();
-    for used in &scene.assets {
-        if !assets.contains_key(&used.asset) {
-            assets.insert(used.asset, library.asset(&used.asset).await?);
-        }
+    let unique: BTreeSet<_> = scene.assets.iter().map(|used| used.asset).collect();
+    let mut assets = Vec::with_capacity(unique.len());
+    for hash in &unique {
+        assets.push(library.asset(hash).await?);
     }
-    let sum = |of: fn(&lodestream_format::Asset) -> u64| assets.values().map(of).sum();
+    let sum = |of: fn(&Asset) -> u64| assets.iter().map(of).sum();
     Ok(SceneFigures {
         name: name.to_owned(),
         scene: reference.scene,
@@ -170,7 +170,7 @@ async fn figures(library: &Library, name: &str) -> Result<SceneFigures, LibraryE
         source_triangles: scene.source_triangles,
         dag_triangles: sum(|asset| asset.dag_triangles),
         clusters: sum(|asset| asset.clusters),
-        levels: assets.values().map(|asset| asset.levels).max().unwrap_or(0),
+        levels: assets.iter().map(|asset| asset.levels).max().unwrap_or(0),
         pages: sum(|asset| asset.pages.len() as u64),
         pack_bytes: sum(|asset| asset.pack_bytes()),
         texture_bytes: scene.textures.iter().map(|texture| texture.bytes).sum(),
@@ -240,7 +240,8 @@ fn export(handle: &Handle, args: &ExportArgs, quiet: bool) -> Result<(), Command
         (None, Some(triangles)) => Detail::Triangles(triangles),
         (None, None) => Detail::Source,
     };
-    let done = export::export(handle, &library, &args.scene.scene, detail, &args.out)?;
+    let done = export::export(handle, &library, &args.scene.scene, detail, &args.out)
+        .map_err(|error| CommandError::Export(Box::new(error)))?;
     output::report(args.scene.library.report.as_deref(), &done)?;
     if !quiet {
         line(format_args!(

@@ -116,7 +116,8 @@ fn write_chunks(
     bin: Vec<u8>,
 ) -> Result<(), ExportError> {
     json.resize(json.len().next_multiple_of(4), b' ');
-    let total = 12 + 8 + json.len() + 8 + bin.len();
+    let bin_bytes = if bin.is_empty() { 0 } else { 8 + bin.len() };
+    let total = 12 + 8 + json.len() + bin_bytes;
     let Ok(total) = u32::try_from(total) else {
         return Err(ExportError::TooLarge {
             file: out.to_owned(),
@@ -128,7 +129,8 @@ fn write_chunks(
         file.write_all(b"glTF")?;
         file.write_all(&2u32.to_le_bytes())?;
         file.write_all(&total.to_le_bytes())?;
-        for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &bin)] {
+        let chunks = [(b"JSON", &json), (b"BIN\0", &bin)];
+        for (kind, chunk) in chunks.into_iter().filter(|(_, chunk)| !chunk.is_empty()) {
             file.write_all(&(chunk.len() as u32).to_le_bytes())?;
             file.write_all(kind)?;
             file.write_all(chunk)?;

@@ -88,3 +88,36 @@ impl AsyncWrite for Socket {
         Pin::new(&mut self.stream).poll_shutdown(context)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+    use tokio::net::TcpListener;
+
+    #[tokio::test]
+    async fn a_silent_connection_ends_and_one_that_spoke_stays() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("binds");
+        let address = listener.local_addr().expect("an address");
+        for (says, ends) in [(0, true), (PREFACE_BYTES - 1, true), (PREFACE_BYTES, false)] {
+            let mut client = TcpStream::connect(address).await.expect("connects");
+            let (stream, _) = listener.accept().await.expect("accepts");
+            let mut socket = Socket::new(stream, Duration::from_millis(100));
+            client.write_all(&vec![b'x'; says]).await.expect("writes");
+            let mut bytes = [0; 2 * PREFACE_BYTES];
+            let read = async {
+                loop {
+                    match socket.read(&mut bytes).await {
+                        Ok(0) => panic!("the client is still there"),
+                        Ok(_) => {}
+                        Err(error) => return error.kind(),
+                    }
+                }
+            };
+            let read = tokio::time::timeout(Duration::from_millis(400), read).await;
+            let expected = ends.then_some(io::ErrorKind::TimedOut);
+            assert_eq!(read.ok(), expected, "after {says} bytes");
+            drop(client);
+        }
+    }
+}
