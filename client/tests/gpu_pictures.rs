@@ -53,9 +53,11 @@ fn check_visbuffer(expected: &[u64], found: &[u64]) {
     let (mut differing, mut deeper) = (0, 0);
     for (at, (a, b)) in expected.iter().zip(found).enumerate() {
         if *a as u32 == *b as u32 && (*a == 0) == (*b == 0) {
+            // Interpolated along a sliver, a depth is no better than the hardware's plane equation.
             let [a, b] = [a, b].map(|word| f32::from_bits((word >> 32) as u32));
+            deeper += ((a - b).abs() > 1e-4 * a.abs()) as usize;
             assert!(
-                (a - b).abs() <= 2e-5 * a.abs(),
+                (a - b).abs() <= 1e-2 * a.abs(),
                 "depth at pixel {at}: {a} {b}"
             );
             continue;
@@ -73,10 +75,9 @@ fn check_visbuffer(expected: &[u64], found: &[u64]) {
             "pixel {at} holds a triangle that is none of its neighbours'"
         );
     }
-    assert!(
-        differing * 1000 <= expected.len(),
-        "{differing} pixels differ"
-    );
+    println!("{differing} pixels differ, {deeper} in depth");
+    assert!(differing * 1000 <= expected.len());
+    assert!(deeper * 1000 <= expected.len());
 }
 
 fn largest_difference(a: u32, b: u32) -> u8 {

@@ -147,8 +147,10 @@ fn keeps_closure_and_bytes(policy: PolicyName, future: &Future, seed: u64) {
         let now_secs = f64::from(update) / 30.0;
         let center = random.below(90);
         let requests: Vec<StreamingRequest> = (0..3)
-            .map(|_| (center + random.below(12)) % 90)
-            .map(|page| StreamingRequest { page, priority_px: 1.5 + random.below(20) as f32 })
+            .map(|_| StreamingRequest {
+                page: (center + random.below(12)) % 90,
+                priority_px: 1.5 + random.below(20) as f32,
+            })
             .collect();
         for _ in 0..3 {
             residency.update(now_secs, &requests);
@@ -229,10 +231,9 @@ fn figures_by_hand() {
     assert!((small.time_to_detail_secs.unwrap().p95 - 1.0 / 30.0).abs() < 1e-9);
     assert_eq!(found.trace.distinct_pages_wanted, 6);
 
-    let three = StudyOptions { viewers: 3, ..options };
-    let three = study(&trace, &three).unwrap();
+    let three = study(&trace, &StudyOptions { viewers: 3, ..options.clone() }).unwrap();
     assert_eq!(three.runs[0].requests, 120);
-    assert_eq!(serde_json::to_string(&three).unwrap(), serde_json::to_string(&study(&trace, &StudyOptions { viewers: 3, policies: vec![PolicyName::Lru, PolicyName::Clairvoyant], pools_bytes: vec![4 * SLOT_BYTES, 6 * SLOT_BYTES], pixel_error_px: 1.0, link: FAST }).unwrap()).unwrap());
+    assert_eq!(three, study(&trace, &StudyOptions { viewers: 3, ..options }).unwrap());
 }
 
 #[test]

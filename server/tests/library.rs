@@ -18,13 +18,11 @@ async fn on_each_store<F: Future<Output = ()>>(test: impl Fn(Library) -> F) {
     test(Library::open("memory://").unwrap()).await;
 }
 
-fn hashes(library: &Library) -> impl Future<Output = Vec<ContentHash>> + '_ {
-    async {
-        let entries: Vec<_> = library.objects().try_collect().await.unwrap();
-        let mut hashes: Vec<_> = entries.iter().map(|entry| entry.hash.unwrap()).collect();
-        hashes.sort();
-        hashes
-    }
+async fn hashes(library: &Library) -> Vec<ContentHash> {
+    let entries: Vec<_> = library.objects().try_collect().await.unwrap();
+    let mut hashes: Vec<_> = entries.iter().map(|entry| entry.hash.unwrap()).collect();
+    hashes.sort();
+    hashes
 }
 
 #[tokio::test]

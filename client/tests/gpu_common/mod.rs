@@ -158,6 +158,17 @@ impl TestScene {
         renderer
             .apply([], &uploads, places.iter().copied())
             .unwrap();
+        let textures: Vec<_> = self
+            .scene
+            .textures
+            .iter()
+            .zip(&self.images)
+            .map(|(texture, bytes)| TextureBytes { texture, bytes })
+            .collect();
+        if !textures.is_empty() {
+            let layout = renderer.upload_textures(&textures).unwrap();
+            assert_eq!(layout.notes, [""; 0]);
+        }
         renderer
     }
 }

@@ -2,6 +2,7 @@
 // Each test binary uses its own part of this.
 #![allow(dead_code)]
 
+pub mod binary;
 pub mod gltf;
 pub mod made;
 pub mod server;

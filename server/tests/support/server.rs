@@ -100,3 +100,11 @@ pub fn blocks(bytes: &[u8]) -> (Vec<Block>, bool) {
     }
     (blocks, reader.is_ended())
 }
+
+/// A header's text, empty where there is none.
+pub fn header<'a>(response: &'a reqwest::Response, name: &str) -> &'a str {
+    response
+        .headers()
+        .get(name)
+        .map_or("", |value| value.to_str().expect("text"))
+}
