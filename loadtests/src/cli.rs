@@ -207,11 +207,16 @@ fn policies(text: &str) -> Result<std::sync::Arc<[PolicyName]>, String> {
     if text == "all" {
         return Ok(PolicyName::ALL.into());
     }
-    text.split(',').map(|name| PolicyName::from_str(name, false)).collect()
+    text.split(',')
+        .map(|name| PolicyName::from_str(name, false))
+        .collect()
 }
 
 fn number(text: &str, expected: &str, fits: impl Fn(f64) -> bool) -> Result<f64, String> {
-    let number = text.parse::<f64>().ok().filter(|&number| number.is_finite() && fits(number));
+    let number = text
+        .parse::<f64>()
+        .ok()
+        .filter(|&number| number.is_finite() && fits(number));
     number.ok_or_else(|| format!("expected {expected}"))
 }
 
@@ -220,15 +225,21 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 fn not_negative(text: &str) -> Result<f64, String> {
-    number(text, "a number from 0 to 60000", |number| (0.0..=60_000.0).contains(&number))
+    number(text, "a number from 0 to 60000", |number| {
+        (0.0..=60_000.0).contains(&number)
+    })
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
-    number(text, "seconds above 0, at most a day", |number| number > 0.0 && number <= 86_400.0)
+    number(text, "seconds above 0, at most a day", |number| {
+        number > 0.0 && number <= 86_400.0
+    })
 }
 
 fn rate(text: &str) -> Result<f64, String> {
-    number(text, "updates a second from 0.01 to 1000", |number| (0.01..=1000.0).contains(&number))
+    number(text, "updates a second from 0.01 to 1000", |number| {
+        (0.01..=1000.0).contains(&number)
+    })
 }
 
 #[cfg(test)]

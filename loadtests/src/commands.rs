@@ -84,20 +84,58 @@ fn finish(figures: &Value, common: &Common) -> Result<(), CommandError> {
     }
 }
 
-/// One line a figure; a row of a table is one line.
+/// One line a figure, and tables as tables; for readers, so with three digits where they are no whole numbers.
 fn print(figures: &Value, prefix: &str) {
     let Value::Object(fields) = figures else {
-        println!("{prefix} {figures}");
+        println!("{prefix} {}", cell(figures));
         return;
     };
     for (key, value) in fields {
-        let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        let name = match prefix {
+            "" => key.clone(),
+            prefix => format!("{prefix}.{key}"),
+        };
         match value {
-            Value::Object(_) => print(value, &name),
-            Value::Array(rows) => rows.iter().for_each(|row| println!("{name} {row}")),
-            Value::String(text) => println!("{name} {text}"),
-            value => println!("{name} {value}"),
+            Value::Array(rows) => print_table(&name, rows),
+            value => print(value, &name),
         }
+    }
+}
+
+fn print_table(name: &str, rows: &[Value]) {
+    println!("{name}:");
+    let Some(heads) = rows.first().and_then(Value::as_object) else {
+        rows.iter().for_each(|row| println!("  {}", cell(row)));
+        return;
+    };
+    let width = |head: &String| head.len().max(13);
+    let line = |texts: Vec<String>| println!(" {}", texts.concat());
+    line(
+        heads
+            .keys()
+            .map(|head| format!(" {head:>0$}", width(head)))
+            .collect(),
+    );
+    for row in rows {
+        let text = |head: &String| cell(row.get(head).unwrap_or(&Value::Null));
+        line(
+            heads
+                .keys()
+                .map(|head| format!(" {:>1$}", text(head), width(head)))
+                .collect(),
+        );
+    }
+}
+
+fn cell(value: &Value) -> String {
+    match value {
+        Value::Null => "-".to_owned(),
+        Value::String(text) => text.clone(),
+        Value::Number(number) if number.is_f64() => number
+            .as_f64()
+            .map_or_else(|| number.to_string(), report::number),
+        Value::Object(fields) => fields.values().map(cell).collect::<Vec<_>>().join(" "),
+        value => value.to_string(),
     }
 }
 
@@ -115,32 +153,59 @@ fn value(figures: &impl Serialize) -> Value {
 }
 
 fn runtime() -> Result<tokio::runtime::Runtime, CommandError> {
-    tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(CommandError::Threads)
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(CommandError::Threads)
 }
 
 fn open(url: &str, scene: &str) -> Result<OpenedScene, CommandError> {
     Ok(runtime()?.block_on(async { Source::connect(url)?.open(scene).await })?)
 }
 
-fn record_trace(url: &str, scene: &str, path: &Path, pixel_error_px: f64) -> Result<Trace, CommandError> {
+fn record_trace(
+    url: &str,
+    scene: &str,
+    path: &Path,
+    pixel_error_px: f64,
+) -> Result<Trace, CommandError> {
     let path = CameraPath::read(path)?;
     let opened = open(url, scene)?;
-    Ok(record::record(scene, &opened, &path, pixel_error_px as f32)?)
+    Ok(record::record(
+        scene,
+        &opened,
+        &path,
+        pixel_error_px as f32,
+    )?)
 }
 
 fn study(arguments: &Policies) -> Result<Value, CommandError> {
-    let trace = match (&arguments.trace, &arguments.url, &arguments.scene, &arguments.path) {
+    let trace = match (
+        &arguments.trace,
+        &arguments.url,
+        &arguments.scene,
+        &arguments.path,
+    ) {
         (Some(file), ..) => record::read(file)?,
-        (None, Some(url), Some(scene), Some(path)) => record_trace(url, scene, path, arguments.pixel_error)?,
+        (None, Some(url), Some(scene), Some(path)) => {
+            record_trace(url, scene, path, arguments.pixel_error)?
+        }
         // The command line does not parse without.
         _ => return Err(CommandError::NoTrace),
     };
     let options = StudyOptions {
         policies: arguments.policies.to_vec(),
-        pools_bytes: arguments.pool.iter().map(|mebibytes| mebibytes * MEBIBYTE).collect(),
+        pools_bytes: arguments
+            .pool
+            .iter()
+            .map(|mebibytes| mebibytes * MEBIBYTE)
+            .collect(),
         viewers: usize::from(arguments.viewers),
         pixel_error_px: arguments.pixel_error as f32,
-        link: LinkSpeed { bandwidth_mbps: arguments.bandwidth, latency_ms: arguments.latency },
+        link: LinkSpeed {
+            bandwidth_mbps: arguments.bandwidth,
+            latency_ms: arguments.latency,
+        },
     };
     let study = policies::study(&trace, &options)?;
     if let Some(file) = &arguments.html {
@@ -150,7 +215,12 @@ fn study(arguments: &Policies) -> Result<Value, CommandError> {
 }
 
 fn write_trace(arguments: &Record) -> Result<Value, CommandError> {
-    let trace = record_trace(&arguments.url, &arguments.scene, &arguments.path, arguments.pixel_error)?;
+    let trace = record_trace(
+        &arguments.url,
+        &arguments.scene,
+        &arguments.path,
+        arguments.pixel_error,
+    )?;
     record::write_file(&trace, arguments.format, &arguments.trace)?;
     let mut figures = value(&policies::TraceFigures::of(&trace));
     figures["trace"] = json!(arguments.trace);
@@ -183,8 +253,17 @@ fn load_server(arguments: Load) -> Result<Value, CommandError> {
 
 fn make_sample(sample: Sample) -> Result<Value, CommandError> {
     let (glb, out) = match sample {
-        Sample::City { out, instances, unique, seed } => (samples::city(instances, unique, seed), out),
-        Sample::Rock { out, triangles, seed } => (samples::rock(triangles, seed), out),
+        Sample::City {
+            out,
+            instances,
+            unique,
+            seed,
+        } => (samples::city(instances, unique, seed), out),
+        Sample::Rock {
+            out,
+            triangles,
+            seed,
+        } => (samples::rock(triangles, seed), out),
     };
     glb.write(&out)?;
     Ok(json!({

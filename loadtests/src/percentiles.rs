@@ -37,7 +37,10 @@ pub struct Waits {
 impl Waits {
     /// `None` where nothing waited.
     pub fn of(sorted: &Sorted) -> Option<Self> {
-        Some(Self { p50: sorted.at(0.5)?, p95: sorted.at(0.95)? })
+        Some(Self {
+            p50: sorted.at(0.5)?,
+            p95: sorted.at(0.95)?,
+        })
     }
 }
 
@@ -76,10 +79,25 @@ mod tests {
     #[test]
     fn ranks() {
         let sorted = Sorted::new((1..=1000).rev().map(f64::from).collect());
-        let expected = Latencies { p50: 500.0, p90: 900.0, p99: 990.0, p999: 999.0, max: 1000.0 };
+        let expected = Latencies {
+            p50: 500.0,
+            p90: 900.0,
+            p99: 990.0,
+            p999: 999.0,
+            max: 1000.0,
+        };
         assert_eq!(Latencies::of(&sorted), Some(expected));
-        assert_eq!(Waits::of(&sorted), Some(Waits { p50: 500.0, p95: 950.0 }));
-        assert_eq!(Waits::of(&Sorted::new(vec![3.0])), Some(Waits { p50: 3.0, p95: 3.0 }));
+        assert_eq!(
+            Waits::of(&sorted),
+            Some(Waits {
+                p50: 500.0,
+                p95: 950.0
+            })
+        );
+        assert_eq!(
+            Waits::of(&Sorted::new(vec![3.0])),
+            Some(Waits { p50: 3.0, p95: 3.0 })
+        );
         assert_eq!(Waits::of(&Sorted::default()), None);
     }
 }

@@ -58,7 +58,10 @@ pub fn record(
         let requests = viewed.requests(&path.camera(frame), pixel_error_px);
         TraceFrame::new(frame, &requests)
     });
-    Ok(Trace { header: TraceHeader::of(name, scene, path.fps as u32), frames: frames.collect() })
+    Ok(Trace {
+        header: TraceHeader::of(name, scene, path.fps as u32),
+        frames: frames.collect(),
+    })
 }
 
 /// Reads a trace of the format `lodestream`.
@@ -66,7 +69,10 @@ pub fn record(
 /// # Errors
 /// [`RecordError::File`] with the file and, where its content is wrong, the line.
 pub fn read(file: &Path) -> Result<Trace, RecordError> {
-    let wrong = |source| RecordError::File { file: file.to_owned(), source };
+    let wrong = |source| RecordError::File {
+        file: file.to_owned(),
+        source,
+    };
     let input = File::open(file).map_err(|error| wrong(error.into()))?;
     Trace::read(std::io::BufReader::new(input)).map_err(wrong)
 }
@@ -76,7 +82,10 @@ pub fn read(file: &Path) -> Result<Trace, RecordError> {
 /// # Errors
 /// [`RecordError::File`] with the file.
 pub fn write_file(trace: &Trace, format: TraceFormat, file: &Path) -> Result<(), RecordError> {
-    let wrong = |source| RecordError::File { file: file.to_owned(), source };
+    let wrong = |source| RecordError::File {
+        file: file.to_owned(),
+        source,
+    };
     let output = File::create(file).map_err(|error| wrong(error.into()))?;
     write(trace, format, BufWriter::new(output)).map_err(wrong)
 }
@@ -130,14 +139,24 @@ fn references(trace: &Trace) -> Vec<Reference> {
         let pages = frame.requests.iter().map(|&(page, _)| page);
         let pages = pages.filter(|&page| !trace.header.pages[page as usize].root);
         let bytes = |page: u32| trace.header.pages[page as usize].bytes;
-        pages.map(|page| Reference { secs, page, bytes: bytes(page) }).collect::<Vec<_>>()
+        pages
+            .map(|page| Reference {
+                secs,
+                page,
+                bytes: bytes(page),
+            })
+            .collect::<Vec<_>>()
     };
     trace.frames.iter().flat_map(of_frame).collect()
 }
 
 /// For each reference the index of the next one of the same page, or -1.
 fn next_references(references: &[Reference]) -> Vec<i64> {
-    let pages = references.iter().map(|reference| reference.page as usize + 1).max().unwrap_or(0);
+    let pages = references
+        .iter()
+        .map(|reference| reference.page as usize + 1)
+        .max()
+        .unwrap_or(0);
     let mut upcoming = vec![-1i64; pages];
     let mut next = vec![-1i64; references.len()];
     for (index, reference) in references.iter().enumerate().rev() {
@@ -152,7 +171,12 @@ mod tests {
     use lodestream_client::trace::{TRACE_VERSION, TracePage};
 
     fn trace() -> Trace {
-        let page = |root, bytes| TracePage { bytes, memory_words: 8, root, dependencies: vec![] };
+        let page = |root, bytes| TracePage {
+            bytes,
+            memory_words: 8,
+            root,
+            dependencies: vec![],
+        };
         let header = TraceHeader {
             version: TRACE_VERSION,
             scene: "by hand".into(),
@@ -163,7 +187,15 @@ mod tests {
             frame,
             requests: pages.iter().map(|&page| (page, 4.0)).collect(),
         };
-        Trace { header, frames: vec![frame(0, &[0, 1]), frame(1, &[2, 1]), frame(2, &[]), frame(3, &[0, 2])] }
+        Trace {
+            header,
+            frames: vec![
+                frame(0, &[0, 1]),
+                frame(1, &[2, 1]),
+                frame(2, &[]),
+                frame(3, &[0, 2]),
+            ],
+        }
     }
 
     fn written(format: TraceFormat) -> Vec<u8> {
@@ -175,7 +207,10 @@ mod tests {
     #[test]
     fn csv_is_exact() {
         let expected = "time,obj_id,obj_size\n0,1,300\n0,2,70000\n0,1,300\n1,2,70000\n";
-        assert_eq!(String::from_utf8_lossy(&written(TraceFormat::Csv)), expected);
+        assert_eq!(
+            String::from_utf8_lossy(&written(TraceFormat::Csv)),
+            expected
+        );
     }
 
     #[test]
@@ -183,7 +218,9 @@ mod tests {
         let bytes = written(TraceFormat::OracleGeneral);
         assert_eq!(bytes.len(), 4 * 24);
         // time 0, page 2, 70000 = 0x11170 bytes, next at record 3.
-        let second = [0u8, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0x70, 0x11, 1, 0, 3, 0, 0, 0, 0, 0, 0, 0];
+        let second = [
+            0u8, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0x70, 0x11, 1, 0, 3, 0, 0, 0, 0, 0, 0, 0,
+        ];
         assert_eq!(bytes[24..48], second);
         let next: Vec<i64> = bytes
             .chunks_exact(24)

@@ -18,12 +18,20 @@ pub struct ViewedScene {
 impl ViewedScene {
     /// Flattens an opened scene.
     pub fn new(scene: &OpenedScene) -> Self {
-        let assets = scene.assets.iter().map(|opened| (&opened.asset, &opened.hierarchy));
+        let assets = scene
+            .assets
+            .iter()
+            .map(|opened| (&opened.asset, &opened.hierarchy));
         let arrays = SceneArrays::new(&scene.scene, assets);
         // A scene without instances is looked at as the unit sphere is: nothing will be wanted.
         let (center, radius_metres) = arrays.bounds_in_world().unwrap_or((DVec3::ZERO, 1.0));
         let near_metres = near_for_radius(radius_metres);
-        Self { arrays, center, radius_metres, near_metres }
+        Self {
+            arrays,
+            center,
+            radius_metres,
+            near_metres,
+        }
     }
 
     /// The pages that `camera` wants at a pixel error, installed or not, by page number.

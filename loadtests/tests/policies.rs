@@ -4,10 +4,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use lodestream_client::stream::{PageFacts, Residency, ResidencyConfig, StreamingRequest};
+use lodestream_client::stream::{
+    PageFacts, PixelErrorControl, Residency, ResidencyConfig, StreamingRequest,
+};
 use lodestream_client::trace::{TRACE_VERSION, Trace, TraceFrame, TraceHeader, TracePage};
 use lodestream_loadtests::policies::{
-    Future, LinkSpeed, PolicyName, Recorder, ReplayOptions, SimulatedPage, StudyOptions, replay, study,
+    Future, LinkSpeed, PolicyName, Recorder, ReplayOptions, SimulatedPage, StudyOptions, replay,
+    study,
 };
 use proptest::prelude::*;
 
@@ -15,27 +18,46 @@ const SLOT_BYTES: u64 = 128 * 1024;
 /// Frames that each view stays: more than a fetch takes on [`FAST`].
 const STAY: usize = 4;
 /// What is asked for in one update is there in the next.
-const FAST: LinkSpeed = LinkSpeed { bandwidth_mbps: 1e6, latency_ms: 0.0 };
+const FAST: LinkSpeed = LinkSpeed {
+    bandwidth_mbps: 1e6,
+    latency_ms: 0.0,
+};
 
 /// A trace without dependencies or root pages: each view wants its pages, all equally, for [`STAY`] frames.
 fn flat_trace(pages: u32, views: &[BTreeSet<u32>]) -> Trace {
-    let page = |_| TracePage { bytes: 50_000, memory_words: 30_000, root: false, dependencies: vec![] };
+    let page = |_| TracePage {
+        bytes: 50_000,
+        memory_words: 30_000,
+        root: false,
+        dependencies: vec![],
+    };
     let header = TraceHeader {
         version: TRACE_VERSION,
         scene: "flat".into(),
         fps: 30,
         pages: (0..pages).map(page).collect(),
     };
-    let frames = views.iter().flat_map(|view| std::iter::repeat_n(view, STAY)).zip(0..);
+    let frames = views
+        .iter()
+        .flat_map(|view| std::iter::repeat_n(view, STAY))
+        .zip(0..);
     let frame = |(view, frame): (&BTreeSet<u32>, u32)| TraceFrame {
         frame,
         requests: view.iter().map(|&page| (page, 8.0)).collect(),
     };
-    Trace { header, frames: frames.map(frame).collect() }
+    Trace {
+        header,
+        frames: frames.map(frame).collect(),
+    }
 }
 
 fn options(slots: u64) -> ReplayOptions {
-    ReplayOptions { pool_bytes: slots * SLOT_BYTES, pixel_error_px: 1.0, link: FAST, first_frame: 0 }
+    ReplayOptions {
+        pool_bytes: slots * SLOT_BYTES,
+        pixel_error_px: 1.0,
+        link: FAST,
+        first_frame: 0,
+    }
 }
 
 fn future(trace: &Trace, slots: u64) -> Future {
@@ -45,7 +67,9 @@ fn future(trace: &Trace, slots: u64) -> Future {
 }
 
 fn faults(trace: &Trace, policy: PolicyName, slots: u64) -> u64 {
-    replay(trace, policy.build(&future(trace, slots)), options(slots)).unwrap().faults
+    replay(trace, policy.build(&future(trace, slots)), options(slots))
+        .unwrap()
+        .faults
 }
 
 /// The fewest faults that any choice of victims gives, by trying them all.
@@ -62,7 +86,9 @@ fn fewest_faults(views: &[BTreeSet<u32>], slots: u64) -> u64 {
             loop {
                 let state = wanted | kept;
                 if u64::from(state.count_ones()) <= slots {
-                    next.entry(state).and_modify(|least| *least = faults.min(*least)).or_insert(faults);
+                    next.entry(state)
+                        .and_modify(|least| *least = faults.min(*least))
+                        .or_insert(faults);
                 }
                 if kept == 0 {
                     break;
@@ -75,7 +101,11 @@ fn fewest_faults(views: &[BTreeSet<u32>], slots: u64) -> u64 {
     states.into_values().min().unwrap()
 }
 
-fn views(pages: u32, most: usize, count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<BTreeSet<u32>>> {
+fn views(
+    pages: u32,
+    most: usize,
+    count: std::ops::Range<usize>,
+) -> impl Strategy<Value = Vec<BTreeSet<u32>>> {
     prop::collection::vec(prop::collection::btree_set(0..pages, 1..=most), count)
 }
 
@@ -137,9 +167,14 @@ impl Random {
 /// Walks at random through a made scene and checks the page table after every update.
 fn keeps_closure_and_bytes(policy: PolicyName, future: &Future, seed: u64) {
     let facts = scene(seed);
-    let pool_bytes = 1 << 20;
-    let config = ResidencyConfig { policy: policy.build(future), ..ResidencyConfig::new(pool_bytes) };
-    let mut residency: Residency<SimulatedPage> = Residency::over(&facts, SimulatedPage, config).unwrap();
+    let pool_bytes = 2 << 20;
+    let config = ResidencyConfig {
+        policy: policy.build(future),
+        control: PixelErrorControl::Fixed,
+        ..ResidencyConfig::new(pool_bytes)
+    };
+    let mut residency: Residency<SimulatedPage> =
+        Residency::over(&facts, SimulatedPage, config).unwrap();
     let mut random = Random(seed ^ 0x5555);
     let mut table: BTreeMap<u32, u32> = BTreeMap::new();
     let mut evictions = 0;
@@ -163,26 +198,45 @@ fn keeps_closure_and_bytes(policy: PolicyName, future: &Future, seed: u64) {
             let changes = residency.take_changes();
             evictions += changes.evicted.len();
             for page in changes.evicted {
-                assert!(table.remove(&page).is_some(), "{policy:?} evicted {page}, which is not there");
+                assert!(
+                    table.remove(&page).is_some(),
+                    "{policy:?} evicted {page}, which is not there"
+                );
             }
             for (page, word) in changes.installed {
-                assert!(table.insert(page, word).is_none(), "{policy:?} installed {page} twice");
+                assert!(
+                    table.insert(page, word).is_none(),
+                    "{policy:?} installed {page} twice"
+                );
             }
             let places: BTreeSet<u32> = table.values().copied().collect();
-            assert_eq!(places.len(), table.len(), "{policy:?}: two pages in one place");
+            assert_eq!(
+                places.len(),
+                table.len(),
+                "{policy:?}: two pages in one place"
+            );
             assert!(residency.layout().bytes() <= pool_bytes);
             for (&page, &word) in &table {
                 assert!(word + facts[page as usize].memory_words <= residency.layout().words());
                 for dependency in &facts[page as usize].dependencies {
-                    assert!(table.contains_key(dependency), "{policy:?}: {page} without {dependency}");
+                    assert!(
+                        table.contains_key(dependency),
+                        "{policy:?}: {page} without {dependency}"
+                    );
                 }
             }
             for (page, fact) in (0..).zip(&facts) {
-                assert!(!fact.is_root || table.contains_key(&page), "{policy:?}: root page {page} is gone");
+                assert!(
+                    !fact.is_root || table.contains_key(&page),
+                    "{policy:?}: root page {page} is gone"
+                );
             }
         }
     }
-    assert!(evictions > 100, "{policy:?}: {evictions} evictions test nothing");
+    assert!(
+        evictions > 100,
+        "{policy:?}: {evictions} evictions test nothing"
+    );
     assert_eq!(residency.stats().illegal_transitions, 0);
 }
 
@@ -191,7 +245,8 @@ fn every_policy_keeps_closure_root_pages_and_the_pools_bytes() {
     for policy in PolicyName::ALL {
         for seed in [1, 77, 4242] {
             // What the clairvoyant was told does not come true here: no invariant may depend on that.
-            let views: Vec<BTreeSet<u32>> = (0..50).map(|view| (view..view + 5).collect()).collect();
+            let views: Vec<BTreeSet<u32>> =
+                (0..50).map(|view| (view..view + 5).collect()).collect();
             keeps_closure_and_bytes(policy, &future(&flat_trace(90, &views), 8), seed);
         }
     }
@@ -213,7 +268,15 @@ fn figures_by_hand() {
     let figures: Vec<_> = found
         .runs
         .iter()
-        .map(|run| (run.policy.as_str(), run.pool_bytes / SLOT_BYTES, run.faults, run.evictions, run.bytes_fetched))
+        .map(|run| {
+            (
+                run.policy.as_str(),
+                run.pool_bytes / SLOT_BYTES,
+                run.faults,
+                run.evictions,
+                run.bytes_fetched,
+            )
+        })
         .collect();
     assert_eq!(
         figures,
@@ -227,31 +290,90 @@ fn figures_by_hand() {
     let small = &found.runs[0];
     // Ten pages wanted over four frames each; a fault shows 8 px instead of 1 for one frame of a thirtieth second, thrice.
     assert_eq!(small.requests, 40);
-    assert!((small.error_seconds - 3.0 * 7.0 / 30.0).abs() < 1e-9, "{}", small.error_seconds);
+    assert!(
+        (small.error_seconds - 3.0 * 7.0 / 30.0).abs() < 1e-9,
+        "{}",
+        small.error_seconds
+    );
     assert!((small.time_to_detail_secs.unwrap().p95 - 1.0 / 30.0).abs() < 1e-9);
     assert_eq!(found.trace.distinct_pages_wanted, 6);
 
-    let three = study(&trace, &StudyOptions { viewers: 3, ..options.clone() }).unwrap();
+    let three = study(
+        &trace,
+        &StudyOptions {
+            viewers: 3,
+            ..options.clone()
+        },
+    )
+    .unwrap();
     assert_eq!(three.runs[0].requests, 120);
-    assert_eq!(three, study(&trace, &StudyOptions { viewers: 3, ..options }).unwrap());
+    assert_eq!(
+        three,
+        study(
+            &trace,
+            &StudyOptions {
+                viewers: 3,
+                ..options
+            }
+        )
+        .unwrap()
+    );
+}
+
+#[test]
+fn lru_loses_everything_on_a_loop_that_is_one_page_too_long() {
+    let lap = (0..5u32).map(|page| BTreeSet::from([page]));
+    let views: Vec<_> = lap.cycle().take(20).collect();
+    let trace = flat_trace(5, &views);
+    assert_eq!(faults(&trace, PolicyName::Lru, 4), 20);
+    assert_eq!(faults(&trace, PolicyName::Fifo, 4), 20);
+    assert_eq!(faults(&trace, PolicyName::Clock, 4), 20);
+    let bound = fewest_faults(&views, 4);
+    assert_eq!(faults(&trace, PolicyName::Clairvoyant, 4), bound);
+    assert!(bound < 10, "{bound}");
 }
 
 #[test]
 fn a_slow_link_costs_error_and_time_but_no_more_faults() {
     let views = [0..4u32, 4..6, 0..4].map(|pages| pages.collect::<BTreeSet<_>>());
     let trace = flat_trace(6, &views);
-    let slow = ReplayOptions { link: LinkSpeed { bandwidth_mbps: 50.0, latency_ms: 40.0 }, ..options(6) };
+    let slow = ReplayOptions {
+        link: LinkSpeed {
+            bandwidth_mbps: 50.0,
+            latency_ms: 40.0,
+        },
+        ..options(6)
+    };
     let slow = replay(&trace, PolicyName::Lru.build(&Future::default()), slow).unwrap();
-    let fast = replay(&trace, PolicyName::Lru.build(&Future::default()), options(6)).unwrap();
+    let fast = replay(
+        &trace,
+        PolicyName::Lru.build(&Future::default()),
+        options(6),
+    )
+    .unwrap();
     assert_eq!(slow.faults, fast.faults);
     assert!(slow.error_seconds > fast.error_seconds);
     // 40 ms of latency and 8 ms a page, seen at thirtieths of a second.
-    assert!(slow.waits_secs.iter().all(|&wait_secs| wait_secs >= 0.048), "{:?}", slow.waits_secs);
+    assert!(
+        slow.waits_secs.iter().all(|&wait_secs| wait_secs >= 0.048),
+        "{:?}",
+        slow.waits_secs
+    );
 }
 
 #[test]
 fn a_pool_below_its_least_is_refused_with_both_numbers() {
     let trace = flat_trace(6, &[BTreeSet::from([0])]);
-    let error = replay(&trace, PolicyName::Lru.build(&Future::default()), options(3)).unwrap_err();
-    assert!(error.to_string().starts_with("page pool: expected at least 524288 bytes"), "{error}");
+    let error = replay(
+        &trace,
+        PolicyName::Lru.build(&Future::default()),
+        options(3),
+    )
+    .unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .starts_with("page pool: expected at least 524288 bytes"),
+        "{error}"
+    );
 }

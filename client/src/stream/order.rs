@@ -54,6 +54,7 @@ impl<Form: PageForm> Residency<Form> {
     /// Fetches to send now, most urgent first. All that is wanted and not sent is put in order anew with every call.
     pub fn next_fetches(&mut self, now_secs: f64) -> Vec<Fetch> {
         let mut fetches = Vec::new();
+        self.window.tick(now_secs, self.fetches.is_empty());
         if !self.has_room() {
             return fetches;
         }
@@ -155,7 +156,7 @@ impl<Form: PageForm> Residency<Form> {
             priority_px,
         };
         let in_flight = InFlight {
-            ticket: self.window.issued(now_secs),
+            ticket: self.window.issued(now_secs, self.fetches.is_empty()),
             pages: range.collect(),
         };
         self.fetches.insert(id, in_flight);

@@ -409,9 +409,9 @@ impl<Form: PageForm> Residency<Form> {
 
     /// Whether all that is missing waits for the end of a back-off, or for a page that does: nothing will change soon.
     pub fn is_stalled(&self) -> bool {
-        let under_way =
-            !self.fetches.is_empty() || !self.decoded.is_empty() || !self.roots.is_empty();
+        let under_way = !self.fetches.is_empty() || !self.roots.is_empty();
         let failed = |&page: &u32| matches!(self.state(page), PageState::Failed { .. });
+        // What came and waits for a page that failed is missing and blocked too.
         !under_way
             && self.missing.iter().any(failed)
             && self.blocked().iter().all(|&blocked| blocked)

@@ -3,12 +3,16 @@
 //! After BBR (Cardwell et al., "BBR: Congestion-Based Congestion Control", 2016): the bandwidth is the largest delivery
 //! rate of late, the latency the smallest time of a fetch of late, and twice their product stays in flight. Twice, so that
 //! an estimate that is too small doubles with every round, and the link stays busy while answers wait for the next frame.
+//!
+//! Twice the product makes a queue, and every fetch then measures latency and queue. An old latency is therefore never
+//! replaced by such a fetch, or queue and estimate would drive each other up: when it is due, the window shuts until few
+//! fetches are left, and one that was issued then is measured.
 
 use std::collections::VecDeque;
 
-/// Samples older than this no longer count.
+/// Rates older than this no longer count, and a latency so old is measured anew.
 const SAMPLE_LIFE_SECS: f64 = 10.0;
-/// Samples kept at most.
+/// Rates kept at most.
 const MAX_SAMPLES: usize = 256;
 /// Window before the first sample.
 const FIRST_WINDOW_BYTES: u64 = 1 << 20;
@@ -20,26 +24,46 @@ const SHORTEST_FETCH_SECS: f64 = 1e-3;
 pub(crate) struct Ticket {
     issued_secs: f64,
     delivered_bytes: u64,
+    /// Whether little or nothing was in flight, so that the fetch measures no queue.
+    is_alone: bool,
 }
 
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Window {
     delivered_bytes: u64,
-    samples: VecDeque<Sample>,
+    rates: VecDeque<Rate>,
+    latency: Option<Latency>,
+    is_shut: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Sample {
+struct Rate {
     at_secs: f64,
     bytes_a_sec: f64,
-    fetch_secs: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Latency {
+    at_secs: f64,
+    secs: f64,
 }
 
 impl Window {
-    pub(crate) fn issued(&self, now_secs: f64) -> Ticket {
+    /// To be called before fetches are issued; `is_idle`: nothing is in flight.
+    pub(crate) fn tick(&mut self, now_secs: f64, is_idle: bool) {
+        self.is_shut = !is_idle && self.is_latency_due(now_secs);
+    }
+
+    fn is_latency_due(&self, now_secs: f64) -> bool {
+        self.latency
+            .is_some_and(|latency| now_secs - latency.at_secs > SAMPLE_LIFE_SECS)
+    }
+
+    pub(crate) fn issued(&self, now_secs: f64, is_idle: bool) -> Ticket {
         Ticket {
             issued_secs: now_secs,
             delivered_bytes: self.delivered_bytes,
+            is_alone: is_idle || self.is_shut,
         }
     }
 
@@ -50,37 +74,43 @@ impl Window {
 
     /// All of a fetch came.
     pub(crate) fn finished(&mut self, ticket: Ticket, now_secs: f64) {
-        let fetch_secs = (now_secs - ticket.issued_secs).max(SHORTEST_FETCH_SECS);
+        let secs = (now_secs - ticket.issued_secs).max(SHORTEST_FETCH_SECS);
         let bytes = self.delivered_bytes - ticket.delivered_bytes;
-        self.samples.push_back(Sample {
+        self.rates.push_back(Rate {
             at_secs: now_secs,
-            bytes_a_sec: bytes as f64 / fetch_secs,
-            fetch_secs,
+            bytes_a_sec: bytes as f64 / secs,
         });
-        let stale = |sample: &Sample| now_secs - sample.at_secs > SAMPLE_LIFE_SECS;
-        while self.samples.len() > MAX_SAMPLES || self.samples.front().is_some_and(stale) {
-            self.samples.pop_front();
+        let stale = |rate: &Rate| now_secs - rate.at_secs > SAMPLE_LIFE_SECS;
+        while self.rates.len() > MAX_SAMPLES || self.rates.front().is_some_and(stale) {
+            self.rates.pop_front();
+        }
+        let is_news = ticket.is_alone && self.is_latency_due(now_secs);
+        if is_news || self.latency.is_none_or(|latency| secs <= latency.secs) {
+            self.latency = Some(Latency {
+                at_secs: now_secs,
+                secs,
+            });
         }
     }
 
     /// Largest delivery rate of late, bytes a second; 0 before the first sample.
     pub(crate) fn bytes_a_sec(&self) -> f64 {
-        let rates = self.samples.iter().map(|sample| sample.bytes_a_sec);
+        let rates = self.rates.iter().map(|rate| rate.bytes_a_sec);
         rates.fold(0.0, f64::max)
     }
 
     /// Shortest fetch of late, seconds; 0 before the first sample.
     pub(crate) fn latency_secs(&self) -> f64 {
-        let times = self.samples.iter().map(|sample| sample.fetch_secs);
-        times.reduce(f64::min).unwrap_or(0.0)
+        self.latency.map_or(0.0, |latency| latency.secs)
     }
 
-    /// Bytes to have in flight.
+    /// Bytes to have in flight; 0 while the latency is measured, when only the fewest fetches are kept in flight.
     pub(crate) fn bytes(&self) -> u64 {
-        if self.samples.is_empty() {
-            return FIRST_WINDOW_BYTES;
+        match (self.latency, self.is_shut) {
+            (None, _) => FIRST_WINDOW_BYTES,
+            (Some(_), true) => 0,
+            (Some(latency), false) => (2.0 * self.bytes_a_sec() * latency.secs) as u64,
         }
-        (2.0 * self.bytes_a_sec() * self.latency_secs()) as u64
     }
 }
 
@@ -108,11 +138,13 @@ mod tests {
                     late_bytes += FETCH_BYTES;
                 }
             }
+            window.tick(now_secs, fetches.is_empty());
             while fetches.len() < 4 || (fetches.len() as u64) * FETCH_BYTES < window.bytes() {
                 let sent_secs = link_free_secs.max(now_secs + latency_secs);
                 longest_queue = longest_queue.max(sent_secs - now_secs - latency_secs);
                 link_free_secs = sent_secs + FETCH_BYTES as f64 / link_bytes_a_sec;
-                fetches.push_back((window.issued(now_secs), link_free_secs));
+                let ticket = window.issued(now_secs, fetches.is_empty());
+                fetches.push_back((ticket, link_free_secs));
             }
         }
         (
@@ -121,12 +153,13 @@ mod tests {
         )
     }
 
+    /// A minute: long enough for a latency that queue and estimate drive up to show.
     #[test]
     fn any_link_is_kept_busy_without_a_long_queue() {
         for mbps in [2.0, 10.0, 100.0, 1000.0] {
             for latency_ms in [1.0, 38.0, 200.0] {
                 let link = mbps * 1e6 / 8.0;
-                let (used, queue) = drive(link, latency_ms / 1e3, 20.0);
+                let (used, queue) = drive(link, latency_ms / 1e3, 60.0);
                 assert!(used > 0.9, "{mbps} Mbps {latency_ms} ms: {used} used");
                 // Four fetches of 64 KiB or the first window of 1 MiB, whichever is the longer on a slow link, else twice the
                 // product of bandwidth and latency, frame times included.

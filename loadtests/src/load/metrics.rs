@@ -73,7 +73,10 @@ impl Snapshot {
             return Ok(None);
         }
         let url = format!("{}/metrics", url.trim_end_matches('/'));
-        let text = get(&url).await.map_err(|source| MetricsError::Http { url: url.clone(), source })?;
+        let text = get(&url).await.map_err(|source| MetricsError::Http {
+            url: url.clone(),
+            source,
+        })?;
         Self::parse(&text, &url).map(Some)
     }
 
@@ -99,7 +102,12 @@ impl Snapshot {
         let mut secs: BTreeMap<String, f64> = BTreeMap::new();
         for sample in &self.samples {
             let same = |other: &&Sample| other.name == sample.name && other.labels == sample.labels;
-            let grown = sample.value - before.samples.iter().find(same).map_or(0.0, |other| other.value);
+            let grown = sample.value
+                - before
+                    .samples
+                    .iter()
+                    .find(same)
+                    .map_or(0.0, |other| other.value);
             let label = |name: &str| sample.labels.get(name).cloned().unwrap_or_default();
             let route = label("route");
             match sample.name.as_str() {
@@ -152,7 +160,13 @@ impl Sample {
 
 async fn get(url: &str) -> Result<String, reqwest::Error> {
     let client = reqwest::Client::builder().build()?;
-    client.get(url).send().await?.error_for_status()?.text().await
+    client
+        .get(url)
+        .send()
+        .await?
+        .error_for_status()?
+        .text()
+        .await
 }
 
 #[cfg(test)]
@@ -174,17 +188,37 @@ mod tests {
         let before = "lodestream_requests_total{route=\"/v1/pages\",status=\"200\"} 2\n\
             lodestream_requests_total{route=\"none\",status=\"404\"} 4\nlodestream_pages_sent_total 10\n";
         let figures = after.since(&Snapshot::parse(before, "u")?);
-        assert_eq!((figures.requests, figures.failures, figures.pages_sent), (10, 2, 20));
-        let route = RouteFigures { requests: 10, bytes: 4096, mean_ms: 50.0 };
-        assert_eq!(figures.routes, BTreeMap::from([("/v1/pages".to_owned(), route)]));
+        assert_eq!(
+            (figures.requests, figures.failures, figures.pages_sent),
+            (10, 2, 20)
+        );
+        let route = RouteFigures {
+            requests: 10,
+            bytes: 4096,
+            mean_ms: 50.0,
+        };
+        assert_eq!(
+            figures.routes,
+            BTreeMap::from([("/v1/pages".to_owned(), route)])
+        );
         Ok(())
     }
 
     #[test]
     fn a_line_that_is_no_sample_is_named() {
-        for (text, line) in [("a 1\nb", "line 2"), ("a{x=1} 2", "line 1"), ("a{x=\"1\" 2", "line 1"), ("a one", "line 1")] {
-            let error = Snapshot::parse(text, "u").map(|_| ()).map_err(|error| error.to_string());
-            assert!(error.as_ref().is_err_and(|error| error.contains(line)), "{error:?}");
+        for (text, line) in [
+            ("a 1\nb", "line 2"),
+            ("a{x=1} 2", "line 1"),
+            ("a{x=\"1\" 2", "line 1"),
+            ("a one", "line 1"),
+        ] {
+            let error = Snapshot::parse(text, "u")
+                .map(|_| ())
+                .map_err(|error| error.to_string());
+            assert!(
+                error.as_ref().is_err_and(|error| error.contains(line)),
+                "{error:?}"
+            );
         }
     }
 }

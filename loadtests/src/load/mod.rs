@@ -94,7 +94,12 @@ pub async fn run(options: LoadOptions) -> Result<LoadReport, LoadError> {
     let source = Source::connect(&options.url)?;
     let names = match &options.scene {
         Some(name) => vec![name.clone()],
-        None => source.scenes().await?.into_iter().map(|entry| entry.name).collect(),
+        None => source
+            .scenes()
+            .await?
+            .into_iter()
+            .map(|entry| entry.name)
+            .collect(),
     };
     if names.is_empty() {
         return Err(LoadError::NoScene(options.url));
@@ -120,7 +125,9 @@ pub async fn run(options: LoadOptions) -> Result<LoadReport, LoadError> {
             Some(speed) => Some(Shaper::start(&shared.options.url, speed).await?),
             None => None,
         };
-        let url = shaper.as_ref().map_or(shared.options.url.clone(), Shaper::url);
+        let url = shaper
+            .as_ref()
+            .map_or(shared.options.url.clone(), Shaper::url);
         let viewer = Viewer::new(shared.clone(), index, Source::connect(&url)?);
         shapers.push(shaper);
         tasks.spawn(viewer.run());

@@ -43,6 +43,9 @@ pub struct LoadReport {
     /// Milliseconds of a page range.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub latency_ms: Option<Latencies>,
+    /// The same from the time when it was really asked for: without what this machine was late.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub service_ms: Option<Latencies>,
     /// Seconds that opening a scene took, parsing and checking included.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub open_secs: Option<Waits>,
@@ -71,13 +74,29 @@ impl LoadReport {
         server: Option<ServerFigures>,
     ) -> Self {
         let total = |figure: fn(&ViewerOutcome) -> u64| outcomes.iter().map(figure).sum::<u64>();
-        let (requests, bytes) = (total(|outcome| outcome.requests), total(|outcome| outcome.bytes));
+        let (requests, bytes) = (
+            total(|outcome| outcome.requests),
+            total(|outcome| outcome.bytes),
+        );
         let planned = total(|outcome| outcome.updates_planned);
         let on_time = total(|outcome| outcome.updates_on_time);
-        let errors: Vec<&StreamError> = outcomes.iter().flat_map(|outcome| &outcome.errors).collect();
-        let damaged = |error: &&&StreamError| matches!(error, StreamError::Hash { .. } | StreamError::Format { .. });
-        let latencies = outcomes.iter().flat_map(|outcome| outcome.latencies_ms.iter().copied());
-        let settled = Sorted::new(outcomes.iter().filter_map(|outcome| outcome.settled_secs).collect());
+        let errors: Vec<&StreamError> = outcomes
+            .iter()
+            .flat_map(|outcome| &outcome.errors)
+            .collect();
+        let damaged = |error: &&&StreamError| {
+            matches!(error, StreamError::Hash { .. } | StreamError::Format { .. })
+        };
+        let latencies = |times: fn(&ViewerOutcome) -> &Vec<f64>| {
+            let all = outcomes.iter().flat_map(times).copied();
+            Latencies::of(&Sorted::new(all.collect()))
+        };
+        let settled = Sorted::new(
+            outcomes
+                .iter()
+                .filter_map(|outcome| outcome.settled_secs)
+                .collect(),
+        );
         Self {
             viewers: options.viewers,
             seconds,
@@ -95,8 +114,14 @@ impl LoadReport {
             bytes,
             requests_per_second: requests as f64 / seconds,
             bytes_per_second: bytes as f64 / seconds,
-            latency_ms: Latencies::of(&Sorted::new(latencies.collect())),
-            open_secs: Waits::of(&Sorted::new(outcomes.iter().filter_map(|outcome| outcome.open_secs).collect())),
+            latency_ms: latencies(|outcome| &outcome.latencies_ms),
+            service_ms: latencies(|outcome| &outcome.service_ms),
+            open_secs: Waits::of(&Sorted::new(
+                outcomes
+                    .iter()
+                    .filter_map(|outcome| outcome.open_secs)
+                    .collect(),
+            )),
             settled_secs: Waits::of(&settled),
             settled_viewers: settled.count() as u64,
             updates_planned: planned,

@@ -55,7 +55,10 @@ impl Shaper {
     /// Opens a link to the server of `url`.
     pub(super) async fn start(url: &str, speed: LinkSpeed) -> Result<Self, ShaperError> {
         let server = server_of(url).ok_or_else(|| ShaperError::Url(url.to_owned()))?;
-        let socket = |source| ShaperError::Socket { url: url.to_owned(), source };
+        let socket = |source| ShaperError::Socket {
+            url: url.to_owned(),
+            source,
+        };
         let listener = TcpListener::bind(("127.0.0.1", 0)).await.map_err(socket)?;
         let address = listener.local_addr().map_err(socket)?;
         let bucket = Arc::new(Bucket {
@@ -81,8 +84,14 @@ impl Drop for Shaper {
 
 /// `host:port` of a plain-text URL.
 fn server_of(url: &str) -> Option<String> {
-    let url = reqwest::Url::parse(url).ok().filter(|url| url.scheme() == "http")?;
-    Some(format!("{}:{}", url.host_str()?, url.port_or_known_default()?))
+    let url = reqwest::Url::parse(url)
+        .ok()
+        .filter(|url| url.scheme() == "http")?;
+    Some(format!(
+        "{}:{}",
+        url.host_str()?,
+        url.port_or_known_default()?
+    ))
 }
 
 async fn accept(listener: TcpListener, server: String, bucket: Arc<Bucket>) {
@@ -102,13 +111,18 @@ async fn connect(viewer: TcpStream, server: &str, bucket: Arc<Bucket>) -> std::i
     let server = TcpStream::connect(server).await?;
     viewer.set_nodelay(true)?;
     server.set_nodelay(true)?;
-    let ((mut from_viewer, to_viewer), (from_server, mut to_server)) = (viewer.into_split(), server.into_split());
+    let ((mut from_viewer, to_viewer), (from_server, mut to_server)) =
+        (viewer.into_split(), server.into_split());
     let (sender, receiver) = unbounded_channel();
     let up = async {
         tokio::io::copy(&mut from_viewer, &mut to_server).await?;
         to_server.shutdown().await
     };
-    let results = tokio::join!(up, pace(from_server, sender, &bucket), deliver(receiver, to_viewer));
+    let results = tokio::join!(
+        up,
+        pace(from_server, sender, &bucket),
+        deliver(receiver, to_viewer)
+    );
     results.0.and(results.1).and(results.2)
 }
 
@@ -127,7 +141,10 @@ async fn pace(
         if carried > Instant::now() + FINEST_SLEEP {
             tokio::time::sleep_until(carried.into()).await;
         }
-        if sender.send((carried + bucket.latency, chunk.freeze())).is_err() {
+        if sender
+            .send((carried + bucket.latency, chunk.freeze()))
+            .is_err()
+        {
             return Ok(());
         }
     }
@@ -161,8 +178,14 @@ mod tests {
 
     #[test]
     fn only_plain_text_urls_have_a_server_to_link_to() {
-        assert_eq!(server_of("http://127.0.0.1:7878/x"), Some("127.0.0.1:7878".into()));
-        assert_eq!(server_of("http://example.org"), Some("example.org:80".into()));
+        assert_eq!(
+            server_of("http://127.0.0.1:7878/x"),
+            Some("127.0.0.1:7878".into())
+        );
+        assert_eq!(
+            server_of("http://example.org"),
+            Some("example.org:80".into())
+        );
         assert_eq!(server_of("https://example.org"), None);
         assert_eq!(server_of("library"), None);
     }
@@ -178,7 +201,15 @@ mod tests {
             stream.write_all(&vec![7; ANSWER_BYTES]).await.unwrap();
         });
         // A megabyte a second: 100 ms for the answer, after 150 ms.
-        let shaper = Shaper::start(&url, LinkSpeed { bandwidth_mbps: 8.0, latency_ms: 150.0 }).await.unwrap();
+        let shaper = Shaper::start(
+            &url,
+            LinkSpeed {
+                bandwidth_mbps: 8.0,
+                latency_ms: 150.0,
+            },
+        )
+        .await
+        .unwrap();
         let mut viewer = TcpStream::connect(shaper.address).await.unwrap();
         let asked = Instant::now();
         viewer.write_u8(1).await.unwrap();

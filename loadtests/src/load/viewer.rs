@@ -3,7 +3,9 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use lodestream_client::stream::{FetchTiming, OpenedScene, ResidencyConfig, Source, StreamError, Streamer, StreamingRequest};
+use lodestream_client::stream::{
+    FetchTiming, OpenedScene, ResidencyConfig, Source, StreamError, Streamer, StreamingRequest,
+};
 use lodestream_shaders::cpu::Camera;
 use tokio::runtime::Handle;
 
@@ -24,13 +26,23 @@ pub(super) struct SharedScene {
 
 impl SharedScene {
     pub(super) fn new(opened: OpenedScene) -> Self {
-        Self { viewed: Arc::new(ViewedScene::new(&opened)), opened: Arc::new(opened) }
+        Self {
+            viewed: Arc::new(ViewedScene::new(&opened)),
+            opened: Arc::new(opened),
+        }
     }
 
     /// Whether both were opened from the same manifest: else the scene was published anew meanwhile.
     fn is(&self, other: &OpenedScene) -> bool {
-        let assets = |scene: &OpenedScene| scene.assets.iter().map(|asset| asset.hash).collect::<Vec<_>>();
-        assets(&self.opened) == assets(other) && self.opened.scene.instances == other.scene.instances
+        let assets = |scene: &OpenedScene| {
+            scene
+                .assets
+                .iter()
+                .map(|asset| asset.hash)
+                .collect::<Vec<_>>()
+        };
+        assets(&self.opened) == assets(other)
+            && self.opened.scene.instances == other.scene.instances
     }
 }
 
@@ -41,7 +53,10 @@ pub(super) struct ViewerOutcome {
     pub(super) pages: u64,
     pub(super) bytes: u64,
     pub(super) errors: Vec<StreamError>,
+    /// From the planned time of the update that asked.
     pub(super) latencies_ms: Vec<f64>,
+    /// From the time when it really asked.
+    pub(super) service_ms: Vec<f64>,
     pub(super) open_secs: Option<f64>,
     pub(super) settled_secs: Option<f64>,
     pub(super) updates_planned: u64,
@@ -66,7 +81,13 @@ impl Viewer {
         // Spread over one interval, so that updates do not come in bursts that no real audience makes.
         let share = index as f64 / shared.options.viewers as f64;
         let start = shared.started + Duration::from_secs_f64(share / shared.options.rate);
-        Self { shared, index, source, start, outcome: ViewerOutcome::default() }
+        Self {
+            shared,
+            index,
+            source,
+            start,
+            outcome: ViewerOutcome::default(),
+        }
     }
 
     /// Runs until the end of the test. Failures are counted.
@@ -116,13 +137,22 @@ impl Viewer {
             ..ResidencyConfig::new(options.pool_bytes)
         };
         let (source, runtime) = (self.source.clone(), Handle::current());
-        let mut streamer = Streamer::new(source, scene.opened.clone(), config, options.transport, runtime)?;
+        let mut streamer = Streamer::new(
+            source,
+            scene.opened.clone(),
+            config,
+            options.transport,
+            runtime,
+        )?;
         streamer.time_fetches();
         let interval = Duration::from_secs_f64(1.0 / options.rate);
         let stand_at_most = Duration::from_secs_f64(options.seconds / 2.0);
         let orbit = Orbit::new(&scene.viewed, options.seed.wrapping_add(self.index as u64));
         let (opened, end) = (Instant::now(), self.shared.end());
-        let mut plan = Plan { next: opened, interval };
+        let mut plan = Plan {
+            next: opened,
+            interval,
+        };
         // Planned times of the updates, to count latencies from.
         let mut planned_at: Vec<Instant> = Vec::new();
         let (mut walk_began, mut last_change): (Option<Instant>, Instant) = (None, opened);
@@ -130,9 +160,12 @@ impl Viewer {
         while plan.next < end && self.outcome.errors.len() < MOST_ERRORS {
             tokio::time::sleep_until(plan.next.into()).await;
             let planned = plan.take(Instant::now(), &mut self.outcome);
-            let walked_secs = walk_began.map_or(0.0, |began| (planned - began.min(planned)).as_secs_f64());
+            let walked_secs =
+                walk_began.map_or(0.0, |began| (planned - began.min(planned)).as_secs_f64());
             let camera = orbit.camera(walked_secs);
-            let requests = self.cull(scene, camera, streamer.pixel_error(), &mut culled).await;
+            let requests = self
+                .cull(scene, camera, streamer.pixel_error(), &mut culled)
+                .await;
             planned_at.push(planned);
             self.outcome.updates_on_time += u64::from(Instant::now() <= planned + interval);
             let changes = streamer.tick(&requests);
@@ -169,7 +202,8 @@ impl Viewer {
         // Never closed, so the permit always comes.
         let _permit = self.shared.cullers.acquire().await;
         let viewed = scene.viewed.clone();
-        let requests = tokio::task::spawn_blocking(move || viewed.requests(&camera, pixel_error_px)).await;
+        let requests =
+            tokio::task::spawn_blocking(move || viewed.requests(&camera, pixel_error_px)).await;
         let requests = match requests {
             Ok(requests) => Arc::new(requests),
             Err(error) => std::panic::resume_unwind(error.into_panic()),
@@ -181,9 +215,13 @@ impl Viewer {
     fn count(&mut self, timing: FetchTiming, planned_at: &[Instant]) {
         self.outcome.requests += 1;
         // Updates count from 1.
-        let planned = planned_at.get((timing.update as usize).saturating_sub(1)).copied();
+        let planned = planned_at
+            .get((timing.update as usize).saturating_sub(1))
+            .copied();
         let from = planned.unwrap_or(timing.issued).min(timing.issued);
-        self.outcome.latencies_ms.push((timing.ended - from).as_secs_f64() * 1e3);
+        let ms_since = |from: Instant| (timing.ended - from).as_secs_f64() * 1e3;
+        self.outcome.latencies_ms.push(ms_since(from));
+        self.outcome.service_ms.push(ms_since(timing.issued));
         match timing.error {
             Some(error) => self.outcome.errors.push(error),
             None => {
@@ -223,7 +261,10 @@ mod tests {
         let start = Instant::now();
         let interval = Duration::from_millis(100);
         let at = |ms| start + Duration::from_millis(ms);
-        let mut plan = Plan { next: start, interval };
+        let mut plan = Plan {
+            next: start,
+            interval,
+        };
         let mut outcome = ViewerOutcome::default();
         assert_eq!(plan.take(at(5), &mut outcome), start);
         assert_eq!(plan.take(at(190), &mut outcome), at(100));

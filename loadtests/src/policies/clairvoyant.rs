@@ -19,7 +19,9 @@ pub struct Future {
 impl Future {
     /// Nothing is known of any page yet.
     fn with_pages(pages: usize) -> Self {
-        Self { wants: vec![Vec::new(); pages] }
+        Self {
+            wants: vec![Vec::new(); pages],
+        }
     }
 
     /// The first update after `update` that wants `page`; the largest number if none does.
@@ -40,12 +42,17 @@ pub struct Recorder {
 impl Recorder {
     /// Over a scene of so many pages.
     pub fn new(pages: usize) -> Self {
-        Self { future: Arc::new(Mutex::new(Future::with_pages(pages))) }
+        Self {
+            future: Arc::new(Mutex::new(Future::with_pages(pages))),
+        }
     }
 
     /// What was written down.
     pub fn future(&self) -> Future {
-        self.future.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.future
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 }
 
@@ -73,7 +80,9 @@ pub struct Clairvoyant {
 impl Clairvoyant {
     /// Knows `future`.
     pub fn new(future: Future) -> Self {
-        Self { future: Arc::new(future) }
+        Self {
+            future: Arc::new(future),
+        }
     }
 }
 
@@ -85,9 +94,16 @@ impl EvictionPolicy for Clairvoyant {
     fn victim(&mut self, candidates: &[Candidate], update: u64) -> usize {
         let worth = |candidate: &Candidate| {
             let next = self.future.next(candidate.page, update);
-            (std::cmp::Reverse(next), candidate.frame_bytes, std::cmp::Reverse(candidate.page))
+            (
+                std::cmp::Reverse(next),
+                candidate.frame_bytes,
+                std::cmp::Reverse(candidate.page),
+            )
         };
-        let last = candidates.iter().enumerate().min_by_key(|(_, candidate)| worth(candidate));
+        let last = candidates
+            .iter()
+            .enumerate()
+            .min_by_key(|(_, candidate)| worth(candidate));
         last.map_or(0, |(index, _)| index)
     }
 }

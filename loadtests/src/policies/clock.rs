@@ -32,10 +32,15 @@ impl EvictionPolicy for Clock {
     }
 
     fn victim(&mut self, candidates: &[Candidate], _: u64) -> usize {
-        let places: HashMap<u32, usize> = (0..).zip(candidates).map(|(index, candidate)| (candidate.page, index)).collect();
+        let places: HashMap<u32, usize> = (0..)
+            .zip(candidates)
+            .map(|(index, candidate)| (candidate.page, index))
+            .collect();
         // Two rounds: the first clears every candidate's mark at the latest.
         for _ in 0..2 * self.ring.len() {
-            let Some(&page) = self.ring.front() else { break };
+            let Some(&page) = self.ring.front() else {
+                break;
+            };
             let place = places.get(&page);
             if let Some(&index) = place
                 && !self.marked.remove(&page)

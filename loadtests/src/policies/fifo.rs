@@ -28,7 +28,10 @@ impl EvictionPolicy for Fifo {
 
     fn victim(&mut self, candidates: &[Candidate], _: u64) -> usize {
         let age = |candidate: &Candidate| self.installs.get(&candidate.page).copied().unwrap_or(0);
-        let oldest = candidates.iter().enumerate().min_by_key(|(_, candidate)| age(candidate));
+        let oldest = candidates
+            .iter()
+            .enumerate()
+            .min_by_key(|(_, candidate)| age(candidate));
         oldest.map_or(0, |(index, _)| index)
     }
 }

@@ -43,13 +43,21 @@ impl Link {
     /// Asks for a page; time never runs backwards from call to call.
     pub fn send(&mut self, fetch: u64, page: u32, bytes: u32, now_secs: f64) {
         let ready_secs = now_secs + self.latency_secs;
-        self.queue.push_back(Answer { fetch, page, bytes, ready_secs });
+        self.queue.push_back(Answer {
+            fetch,
+            page,
+            bytes,
+            ready_secs,
+        });
     }
 
     /// Calls a fetch off: what of it has not begun to cross the link never will. Call after [`Link::arrived`] of the same
     /// time.
     pub fn cancel(&mut self, fetch: u64, now_secs: f64) {
-        let begun = self.queue.front().is_some_and(|first| first.ready_secs.max(self.free_secs) <= now_secs);
+        let begun = self
+            .queue
+            .front()
+            .is_some_and(|first| first.ready_secs.max(self.free_secs) <= now_secs);
         let mut index = 0;
         self.queue.retain(|answer| {
             index += 1;
@@ -61,7 +69,8 @@ impl Link {
     pub fn arrived(&mut self, now_secs: f64) -> Vec<u32> {
         let mut pages = Vec::new();
         while let Some(first) = self.queue.front() {
-            let end_secs = first.ready_secs.max(self.free_secs) + first.bytes as f64 / self.bytes_a_sec;
+            let end_secs =
+                first.ready_secs.max(self.free_secs) + first.bytes as f64 / self.bytes_a_sec;
             if end_secs > now_secs {
                 break;
             }
@@ -79,7 +88,10 @@ mod tests {
 
     /// A thousand bytes a second, half a second of latency.
     fn link() -> Link {
-        Link::new(LinkSpeed { bandwidth_mbps: 0.008, latency_ms: 500.0 })
+        Link::new(LinkSpeed {
+            bandwidth_mbps: 0.008,
+            latency_ms: 500.0,
+        })
     }
 
     #[test]

@@ -43,8 +43,14 @@ pub enum PolicyName {
 
 impl PolicyName {
     /// Every policy, the bound last.
-    pub const ALL: [Self; 6] =
-        [Self::Lru, Self::LowestError, Self::DecayedError, Self::Fifo, Self::Clock, Self::Clairvoyant];
+    pub const ALL: [Self; 6] = [
+        Self::Lru,
+        Self::LowestError,
+        Self::DecayedError,
+        Self::Fifo,
+        Self::Clock,
+        Self::Clairvoyant,
+    ];
 
     /// A fresh policy of the name, over a trace whose wants are `future`.
     pub fn build(self, future: &Future) -> Box<dyn EvictionPolicy> {

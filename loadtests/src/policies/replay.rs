@@ -1,7 +1,8 @@
 //! One replay: a trace through the real residency, in simulated time over a simulated link. No byte of a page is needed.
 
 use lodestream_client::stream::{
-    EvictionPolicy, Fetch, PageFacts, PageForm, PageState, Residency, ResidencyConfig, StreamError, StreamingRequest,
+    EvictionPolicy, Fetch, PageFacts, PageForm, PageState, Residency, ResidencyConfig, StreamError,
+    StreamingRequest,
 };
 use lodestream_client::trace::{Trace, TraceHeader};
 
@@ -78,7 +79,11 @@ struct Replay<'a> {
 ///
 /// # Errors
 /// [`StreamError`] where the pool is too small or the pixel error no positive number.
-pub fn replay(trace: &Trace, policy: Box<dyn EvictionPolicy>, options: ReplayOptions) -> Result<Outcome, StreamError> {
+pub fn replay(
+    trace: &Trace,
+    policy: Box<dyn EvictionPolicy>,
+    options: ReplayOptions,
+) -> Result<Outcome, StreamError> {
     let config = ResidencyConfig {
         policy,
         pixel_error_px: options.pixel_error_px,
@@ -109,7 +114,9 @@ impl Replay<'_> {
             let form = SimulatedPage(self.residency.pages().number_in_asset(page));
             self.residency.arrived(page, Ok(form), now_secs);
         }
-        let wanted = &self.trace.frames[(update + self.options.first_frame) % self.trace.frames.len()].requests;
+        let wanted = &self.trace.frames
+            [(update + self.options.first_frame) % self.trace.frames.len()]
+        .requests;
         // Culling asks for what exceeds the pixel error that residency let it show.
         let shown_px = self.residency.pixel_error();
         let requests: Vec<StreamingRequest> = wanted
@@ -133,7 +140,8 @@ impl Replay<'_> {
     fn send(&mut self, fetch: &Fetch, now_secs: f64) {
         let pages = self.residency.pages();
         for page in pages.fetched(fetch) {
-            self.link.send(fetch.id, page, pages.frame_bytes(page), now_secs);
+            self.link
+                .send(fetch.id, page, pages.frame_bytes(page), now_secs);
         }
     }
 
@@ -143,8 +151,13 @@ impl Replay<'_> {
         let drawn_coarser = |&&(page, priority_px): &&(u32, f32)| {
             priority_px <= shown_px || self.residency.page_state(page) != PageState::Installed
         };
-        let errors = wanted.iter().filter(|(_, priority_px)| *priority_px > self.options.pixel_error_px);
-        let largest = errors.filter(drawn_coarser).map(|&(_, priority_px)| priority_px).fold(0.0, f32::max);
+        let errors = wanted
+            .iter()
+            .filter(|(_, priority_px)| *priority_px > self.options.pixel_error_px);
+        let largest = errors
+            .filter(drawn_coarser)
+            .map(|&(_, priority_px)| priority_px)
+            .fold(0.0, f32::max);
         largest.min(MOST_ERROR_PX)
     }
 
@@ -154,7 +167,9 @@ impl Replay<'_> {
             let page = request.page as usize;
             let since_secs = self.missing_since_secs[page].take();
             if self.residency.page_state(request.page) == PageState::Installed {
-                self.outcome.waits_secs.extend(since_secs.map(|since_secs| now_secs - since_secs));
+                self.outcome
+                    .waits_secs
+                    .extend(since_secs.map(|since_secs| now_secs - since_secs));
             } else {
                 still_missing[page] = since_secs.or(Some(now_secs));
             }

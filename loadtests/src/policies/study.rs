@@ -95,9 +95,16 @@ pub fn study(trace: &Trace, options: &StudyOptions) -> Result<Study, StreamError
     let cells: Vec<(PolicyName, u64)> = options
         .policies
         .iter()
-        .flat_map(|&policy| options.pools_bytes.iter().map(move |&pool_bytes| (policy, pool_bytes)))
+        .flat_map(|&policy| {
+            options
+                .pools_bytes
+                .iter()
+                .map(move |&pool_bytes| (policy, pool_bytes))
+        })
         .collect();
-    let runs = cells.into_par_iter().map(|(policy, pool_bytes)| run(trace, options, policy, pool_bytes));
+    let runs = cells
+        .into_par_iter()
+        .map(|(policy, pool_bytes)| run(trace, options, policy, pool_bytes));
     Ok(Study {
         trace: TraceFigures::of(trace),
         viewers: options.viewers,
@@ -107,7 +114,12 @@ pub fn study(trace: &Trace, options: &StudyOptions) -> Result<Study, StreamError
     })
 }
 
-fn run(trace: &Trace, options: &StudyOptions, policy: PolicyName, pool_bytes: u64) -> Result<Run, StreamError> {
+fn run(
+    trace: &Trace,
+    options: &StudyOptions,
+    policy: PolicyName,
+    pool_bytes: u64,
+) -> Result<Run, StreamError> {
     let outcomes = (0..options.viewers).into_par_iter().map(|viewer| {
         let replay_options = ReplayOptions {
             pool_bytes,
@@ -129,13 +141,26 @@ fn run(trace: &Trace, options: &StudyOptions, policy: PolicyName, pool_bytes: u6
     });
     let outcomes: Vec<(&str, Outcome)> = outcomes.collect::<Result<_, StreamError>>()?;
     let name = outcomes.first().map_or("", |(name, _)| name).to_owned();
-    Ok(sum(name, pool_bytes, outcomes.iter().map(|(_, outcome)| outcome)))
+    Ok(sum(
+        name,
+        pool_bytes,
+        outcomes.iter().map(|(_, outcome)| outcome),
+    ))
 }
 
-fn sum<'a>(policy: String, pool_bytes: u64, outcomes: impl Iterator<Item = &'a Outcome> + Clone) -> Run {
+fn sum<'a>(
+    policy: String,
+    pool_bytes: u64,
+    outcomes: impl Iterator<Item = &'a Outcome> + Clone,
+) -> Run {
     let total = |figure: fn(&Outcome) -> u64| outcomes.clone().map(figure).sum::<u64>();
-    let (requests, faults) = (total(|outcome| outcome.requests), total(|outcome| outcome.faults));
-    let waits = outcomes.clone().flat_map(|outcome| outcome.waits_secs.iter().copied());
+    let (requests, faults) = (
+        total(|outcome| outcome.requests),
+        total(|outcome| outcome.faults),
+    );
+    let waits = outcomes
+        .clone()
+        .flat_map(|outcome| outcome.waits_secs.iter().copied());
     Run {
         policy,
         pool_bytes,
@@ -157,7 +182,11 @@ impl TraceFigures {
         let mut wanted = vec![false; trace.header.pages.len()];
         let mut most = 0;
         for frame in &trace.frames {
-            let pages = frame.requests.iter().map(|&(page, _)| page).filter(|&page| !is_root(page));
+            let pages = frame
+                .requests
+                .iter()
+                .map(|&(page, _)| page)
+                .filter(|&page| !is_root(page));
             most = most.max(pages.map(|page| wanted[page as usize] = true).count());
         }
         Self {

@@ -10,10 +10,18 @@ type Figure = fn(&Run) -> Option<f64>;
 
 /// Title and label of each plot, and what it shows.
 const PLOTS: [(&str, &str, Figure); 4] = [
-    ("Error-time integral", "pixel seconds above the goal", |run| Some(run.error_seconds)),
+    (
+        "Error-time integral",
+        "pixel seconds above the goal",
+        |run| Some(run.error_seconds),
+    ),
     ("Faults", "faults", |run| Some(run.faults as f64)),
-    ("Bytes fetched", "bytes", |run| Some(run.bytes_fetched as f64)),
-    ("Time to detail, 95 %", "seconds", |run| run.time_to_detail_secs.map(|waits| waits.p95)),
+    ("Bytes fetched", "bytes", |run| {
+        Some(run.bytes_fetched as f64)
+    }),
+    ("Time to detail, 95 %", "seconds", |run| {
+        run.time_to_detail_secs.map(|waits| waits.p95)
+    }),
 ];
 
 /// Headings and cells of the table.
@@ -25,8 +33,12 @@ const COLUMNS: [(&str, Figure); 9] = [
     ("bytes fetched", |run| Some(run.bytes_fetched as f64)),
     ("evictions", |run| Some(run.evictions as f64)),
     ("error seconds", |run| Some(run.error_seconds)),
-    ("detail p50 s", |run| run.time_to_detail_secs.map(|waits| waits.p50)),
-    ("detail p95 s", |run| run.time_to_detail_secs.map(|waits| waits.p95)),
+    ("detail p50 s", |run| {
+        run.time_to_detail_secs.map(|waits| waits.p50)
+    }),
+    ("detail p95 s", |run| {
+        run.time_to_detail_secs.map(|waits| waits.p95)
+    }),
 ];
 
 fn mebibytes(run: &Run) -> f64 {
@@ -71,7 +83,10 @@ fn series(runs: &[Run], figure: Figure) -> Vec<Series> {
         let point = (mebibytes(run), value);
         match all.iter_mut().find(|series| series.name == run.policy) {
             Some(series) => series.points.push(point),
-            None => all.push(Series { name: run.policy.clone(), points: vec![point] }),
+            None => all.push(Series {
+                name: run.policy.clone(),
+                points: vec![point],
+            }),
         }
     }
     for series in &mut all {
@@ -81,10 +96,15 @@ fn series(runs: &[Run], figure: Figure) -> Vec<Series> {
 }
 
 fn table(runs: &[Run]) -> String {
-    let heads: String = COLUMNS.iter().map(|(head, _)| format!("<th>{head}</th>")).collect();
+    let heads: String = COLUMNS
+        .iter()
+        .map(|(head, _)| format!("<th>{head}</th>"))
+        .collect();
     let mut html = format!("<table><tr><th>policy</th>{heads}</tr>");
     for run in runs {
-        let cells = COLUMNS.iter().map(|(_, figure)| figure(run).map_or("–".to_owned(), number));
+        let cells = COLUMNS
+            .iter()
+            .map(|(_, figure)| figure(run).map_or("–".to_owned(), number));
         let cells: String = cells.map(|cell| format!("<td>{cell}</td>")).collect();
         // Writing to a string cannot fail.
         let _ = write!(html, "<tr><td>{}</td>{cells}</tr>", escape(&run.policy));

@@ -81,3 +81,34 @@ impl OpenEdges {
         touches && before.iter().all(kept)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_square_has_its_four_sides_and_an_edge_collapse_inside_keeps_them() {
+        // Four triangles round a middle (4), and the two that are left when the middle moves onto corner 0.
+        let fan = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
+        let flat = [[1, 2, 0], [2, 3, 0]];
+        let sides = chain(fan.into_iter());
+        assert_eq!(
+            sides
+                .iter()
+                .map(|&(edge, _)| ends(edge))
+                .collect::<Vec<_>>(),
+            [[0, 1], [0, 3], [1, 2], [2, 3]]
+        );
+        assert_eq!(
+            sides.iter().map(|&(_, sum)| sum).collect::<Vec<_>>(),
+            [1, -1, 1, 1]
+        );
+        assert_eq!(sides, chain(flat.into_iter()));
+        // A missing triangle, one twice, and one turned over all show.
+        assert_ne!(sides, chain(fan[..3].iter().copied()));
+        assert_ne!(sides, chain(fan.into_iter().chain([fan[0]])));
+        assert_ne!(sides, chain([[1, 2, 0], [2, 0, 3]].into_iter()));
+        // Two sheets back to back bound nothing.
+        assert!(chain([[7, 8, 9], [7, 9, 8]].into_iter()).is_empty());
+    }
+}

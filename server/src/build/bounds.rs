@@ -23,7 +23,7 @@ pub(super) fn around(mesh: &QuantizedMesh, triangles: &[Triangle]) -> Sphere {
 pub(super) fn lod_sphere<'a>(members: impl Iterator<Item = &'a Cluster>) -> Sphere {
     let mut spheres: Vec<Sphere> = members.map(|cluster| cluster.lod_sphere).collect();
     // Clusters of one finer group were born with one sphere.
-    spheres.sort_unstable_by(|a, b| key(a).cmp(&key(b)));
+    spheres.sort_unstable_by_key(key);
     spheres.dedup();
     Sphere::enclosing(&spheres)
 }

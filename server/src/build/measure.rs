@@ -11,7 +11,7 @@ const CLIMBS: usize = 6;
 /// Steps of a climb; one that finds nothing higher halves the stride.
 const STEPS: usize = 12;
 /// A sample of this share of the largest squared distance may still lead to a higher peak.
-const CLIMBABLE: f64 = 0.4;
+const CLIMBABLE: f64 = 0.25;
 /// Share added for the peaks that no sample stood next to. Tests measure far more densely what is left.
 const MARGIN: f64 = 0.05;
 
@@ -94,14 +94,14 @@ impl<'a> Peaks<'a> {
         }
     }
 
-    fn to_surface(&mut self, sample: Point, enough: f64) -> f64 {
+    fn distance_squared(&mut self, sample: Point, enough: f64) -> f64 {
         self.surface
             .distance_squared_near(sample, enough, &mut self.near)
     }
 
     /// Measures a sample; one on a triangle may be climbed from.
     fn take(&mut self, sample: Point, triangle: Option<usize>) {
-        let squared = self.to_surface(sample, CLIMBABLE * self.worst);
+        let squared = self.distance_squared(sample, CLIMBABLE * self.worst);
         self.worst = self.worst.max(squared);
         let Some(triangle) = triangle else { return };
         let lowest = self.highest.last().filter(|_| self.highest.len() == CLIMBS);
@@ -128,7 +128,7 @@ impl<'a> Peaks<'a> {
                 });
                 let best = towards
                     .into_iter()
-                    .map(|sample: Point| (self.to_surface(sample, height), sample))
+                    .map(|sample: Point| (self.distance_squared(sample, height), sample))
                     .max_by(|a, b| a.0.total_cmp(&b.0));
                 match best.filter(|&(higher, _)| higher > height) {
                     Some((higher, sample)) => (height, at) = (higher, sample),

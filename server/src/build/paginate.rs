@@ -210,7 +210,7 @@ fn place(
     let small = ROOT_PAGE_TARGET_BYTES / 4;
     let all_roots = 0..groups[roots - 1].1.end;
     let first_is_small = fill(&Filling::default(), all_roots).fits(small, attributes);
-    let mut pages: Vec<Range<usize>> = vec![0..0];
+    let mut pages: Vec<Range<usize>> = std::iter::once(0..0).collect();
     let mut filling = Filling::default();
     let mut placed = Vec::with_capacity(groups.len());
     let mut root_page_count = 1;

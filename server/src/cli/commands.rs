@@ -77,7 +77,13 @@ fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(), CommandE
     output::report(args.report.as_deref(), &done)?;
     if !quiet {
         for warning in &done.warnings {
-            tracing::warn!("{warning}");
+            tracing::info!("{warning}");
+        }
+        if !done.warnings.is_empty() {
+            tracing::warn!(
+                "{} warnings; -v, show and --report tell them",
+                done.warnings.len()
+            );
         }
         line(format_args!(
             "{}: {} triangles in {} assets and {} instances, {} pages, {} bytes, {:.2} s",

@@ -104,8 +104,16 @@ fn read_factors(
         },
         double_sided: source.double_sided,
         unlit: extensions.is_some_and(|it| it.unlit.is_some()),
-        emissive_factor: emissive_factor.map(|it| it.max(0.0)),
-        metallic: unit(pbr.metallic_factor.0),
+        emissive_factor: match source.emissive_texture {
+            Some(_) => [0.0; 3],
+            None => emissive_factor.map(|it| it.max(0.0)),
+        },
+        // The factor multiplies a texture that is left out; taken alone, its default of 1 would make everything metal.
+        // Likewise an emissive factor under a texture would light the whole surface.
+        metallic: match pbr.metallic_roughness_texture {
+            Some(_) => 0.0,
+            None => unit(pbr.metallic_factor.0),
+        },
         roughness: unit(pbr.roughness_factor.0),
         ..Material::default()
     };

@@ -220,12 +220,11 @@ impl ReadAsset {
         }
         let drawn = self.drawn(refine);
         let mut expected = source.clone();
-        for (group, sums) in moved
+        for (_, sums) in moved
             .iter()
             .enumerate()
             .filter(|&(group, _)| !refine[group])
         {
-            let _ = group;
             for (&edge, &sum) in sums {
                 *expected.entry(edge).or_insert(0) += sum;
             }
