@@ -1,15 +1,17 @@
 //! Cameras as users write them, and the camera that shows a whole scene.
 
 use glam::DVec3;
+use lodestream_format::hierarchy::{LEAF_FLAG, NO_CHILD};
 use lodestream_shaders::SceneArrays;
 use lodestream_shaders::cpu::{Camera, near_for_radius};
+use lodestream_shaders::types::InstanceRecord;
 
 /// Field of view of the camera that frames a scene, degrees: narrower than a window's, as product pictures are.
 const FRAMING_FOV_DEGREES: f64 = 40.0;
 /// Share of the picture that the framed scene leaves free at its edges.
 const MARGIN: f64 = 0.04;
-/// Most instances whose corners are looked at one by one.
-const MOST_FRAMED_INSTANCES: usize = 200_000;
+/// Most boxes whose corners are looked at one by one.
+const MOST_FRAMED_BOXES: usize = 100_000;
 
 /// A camera that does not parse.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -177,27 +179,54 @@ fn fit(corners: &[DVec3], [right, up, forward]: [DVec3; 3], size_px: [u32; 2]) -
     (eye, 0.5 * (nearest + farthest) - d_eye)
 }
 
-/// Corners of all instances' boxes in world space; of the whole scene's box where there are too many.
+/// Corners in world space of the boxes around every instance's source triangles; of the instance's whole box where that
+/// would be too many, and of fewer instances where those are.
 fn corners(arrays: &SceneArrays) -> Vec<DVec3> {
-    let step = arrays
-        .instances
-        .len()
-        .div_ceil(MOST_FRAMED_INSTANCES)
-        .max(1);
+    let boxes: Vec<Vec<[[f32; 3]; 2]>> = (0..arrays.assets.len())
+        .map(|asset| source_boxes(arrays, asset))
+        .collect();
+    let own = |instance: &InstanceRecord| boxes.get(instance.asset as usize);
+    let count: usize = arrays.instances.iter().filter_map(own).map(Vec::len).sum();
+    let step = arrays.instances.len().div_ceil(MOST_FRAMED_BOXES).max(1);
     let mut corners = Vec::new();
     for instance in arrays.instances.iter().step_by(step) {
         let Some(asset) = arrays.assets.get(instance.asset as usize) else {
             continue;
         };
-        for corner in 0..8 {
-            let pick = |axis: usize| match corner >> axis & 1 {
-                0 => asset.aabb_min[axis] as f64,
-                _ => asset.aabb_max[axis] as f64,
-            };
-            corners.push(instance.world_from_local(DVec3::new(pick(0), pick(1), pick(2))));
+        let whole = vec![[asset.aabb_min, asset.aabb_max]];
+        let boxes = own(instance).filter(|_| count <= MOST_FRAMED_BOXES);
+        for bounds in boxes.unwrap_or(&whole) {
+            for corner in 0..8 {
+                let pick = |axis: usize| bounds[corner >> axis & 1][axis] as f64;
+                corners.push(instance.world_from_local(DVec3::new(pick(0), pick(1), pick(2))));
+            }
         }
     }
     corners
+}
+
+/// Boxes of the groups of an asset's finest level, or of the asset where it has none.
+fn source_boxes(arrays: &SceneArrays, asset: usize) -> Vec<[[f32; 3]; 2]> {
+    let record = &arrays.assets[asset];
+    let next = arrays.assets.get(asset + 1);
+    let end = next.map_or(arrays.nodes.len(), |next| next.node_base as usize);
+    let nodes = arrays.nodes.get(record.node_base as usize..end);
+    let boxes: Vec<_> = nodes
+        .unwrap_or(&[])
+        .iter()
+        .flat_map(|node| &node.children)
+        .filter(|child| child.reference != NO_CHILD && child.reference & LEAF_FLAG != 0)
+        .filter(|child| {
+            let group = record.group_base + (child.reference & !LEAF_FLAG);
+            let group = arrays.groups.get(group as usize);
+            group.is_some_and(|group| group.level == 0)
+        })
+        .map(|child| [child.aabb_min, child.aabb_max])
+        .collect();
+    match boxes.is_empty() {
+        true => vec![[record.aabb_min, record.aabb_max]],
+        false => boxes,
+    }
 }
 
 fn bounds(corners: &[DVec3]) -> Option<(DVec3, DVec3)> {
@@ -215,7 +244,7 @@ pub fn near_metres(arrays: &SceneArrays) -> f32 {
 mod tests {
     #![allow(clippy::unwrap_used)] // A test's way to fail.
     use super::*;
-    use lodestream_shaders::types::{AssetRecord, InstanceRecord};
+    use lodestream_shaders::types::AssetRecord;
 
     #[test]
     fn a_pose_reads_what_the_contract_writes() {

@@ -2,7 +2,7 @@
 //! is installed, so that the same path gives the same pictures on any link.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ use crate::path::CameraPath;
 use crate::picture::{FileError, write_png};
 use crate::report::Report;
 use crate::session::{Session, SessionOptions};
-use crate::stream::StreamingRequest;
+use crate::trace::{TraceFrame, TraceHeader, TraceWriter};
 
 /// What to play and what to keep of it.
 #[derive(Debug, Clone)]
@@ -23,7 +23,7 @@ pub struct PlayOptions {
     pub path: PathBuf,
     /// Folder of the frames' pictures.
     pub frames: Option<PathBuf>,
-    /// File of the frames' streaming requests, a JSON object a line.
+    /// File of the frames' streaming requests ([`crate::trace`]).
     pub trace: Option<PathBuf>,
     /// The report.
     pub report: Option<PathBuf>,
@@ -31,16 +31,6 @@ pub struct PlayOptions {
     pub realtime: bool,
     /// Longest wait for one frame's pages.
     pub settle: Duration,
-}
-
-/// A line of the trace.
-#[derive(serde::Serialize)]
-struct TraceLine<'a> {
-    frame: u32,
-    secs: f64,
-    pixel_error: f32,
-    /// Scene-wide page and priority, pixels.
-    requests: &'a [(u32, f32)],
 }
 
 /// Plays the path.
@@ -65,7 +55,12 @@ pub fn play_on(gpu: &Gpu, options: &PlayOptions) -> Result<Report, ClientError> 
     let mut trace = match &options.trace {
         Some(file) => {
             let created = File::create(file).map_err(|error| FileError::new(file, error))?;
-            Some((file, BufWriter::new(created)))
+            let scene = session.streamer.scene();
+            let fps = path.fps.round().max(1.0) as u32;
+            let header = TraceHeader::of(&options.session.scene, scene, fps);
+            let writer = TraceWriter::new(BufWriter::new(created), &header)
+                .map_err(|error| FileError::new(file, error))?;
+            Some((file, writer))
         }
         None => None,
     };
@@ -86,15 +81,14 @@ pub fn play_on(gpu: &Gpu, options: &PlayOptions) -> Result<Report, ClientError> 
             write_png(&file, path.size, &session.renderer.read_color()?)?;
         }
         if let Some((file, writer)) = &mut trace {
-            let line = trace_line(frame, path.secs(frame), session.pixel_error(), &requests);
             writer
-                .write_all(line.as_bytes())
+                .frame(&TraceFrame::new(frame, &requests))
                 .map_err(|error| FileError::new(file, error))?;
         }
     }
-    if let Some((file, mut writer)) = trace {
+    if let Some((file, writer)) = trace {
         writer
-            .flush()
+            .finish()
             .map_err(|error| FileError::new(file, error))?;
     }
     if unsettled > 0 {
@@ -108,22 +102,4 @@ pub fn play_on(gpu: &Gpu, options: &PlayOptions) -> Result<Report, ClientError> 
         report.write(file)?;
     }
     Ok(report)
-}
-
-fn trace_line(frame: u32, secs: f64, pixel_error: f32, requests: &[StreamingRequest]) -> String {
-    let mut requests: Vec<_> = requests
-        .iter()
-        .map(|request| (request.page, request.priority_px))
-        .collect();
-    // The GPU appends in any order.
-    requests.sort_by_key(|request| request.0);
-    let line = TraceLine {
-        frame,
-        secs,
-        pixel_error,
-        requests: &requests,
-    };
-    let mut text = serde_json::to_string(&line).unwrap_or_default();
-    text.push('\n');
-    text
 }

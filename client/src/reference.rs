@@ -59,7 +59,6 @@ pub fn reference(
         open_secs: Some(opening.secs),
         open_bytes: opening.scene.open_bytes,
         bytes_fetched: opening.scene.open_bytes,
-        warnings: opening.scene.scene.warnings.clone(),
         adapter: gpu.name.clone(),
         ..Report::default()
     };

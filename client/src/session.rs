@@ -186,7 +186,6 @@ impl Session {
             scene: options.scene.clone(),
             open_secs: Some(opening.secs),
             open_bytes: opening.scene.open_bytes,
-            warnings: opening.scene.scene.warnings.clone(),
             ..Report::default()
         };
         let pool_bytes = pool_bytes(

@@ -16,6 +16,7 @@ use lodestream_client::reference::{Reference, reference};
 use lodestream_client::render::{RenderOptions, render_on};
 use lodestream_client::report::Report;
 use lodestream_client::session::SessionOptions;
+use lodestream_client::trace::Trace;
 use lodestream_server::http::AppState;
 use lodestream_server::http::serve::Server;
 use lodestream_server::library::Library;
@@ -270,12 +271,14 @@ fn a_path_plays_frame_by_frame() {
     let report = play(&first);
     assert_eq!(report.warnings, [""; 0]);
     play(&second);
-    let lines = std::fs::read_to_string(first.with_extension("jsonl")).unwrap();
-    assert_eq!(lines.lines().count(), 4);
-    for line in lines.lines() {
-        let line: serde_json::Value = serde_json::from_str(line).unwrap();
-        assert!(!line["requests"].as_array().unwrap().is_empty());
-    }
+    let read = |folder: &Path| {
+        let file = std::fs::File::open(folder.with_extension("jsonl")).unwrap();
+        Trace::read(std::io::BufReader::new(file)).unwrap()
+    };
+    let trace = read(&first);
+    assert_eq!(trace.frames.len(), 4);
+    assert!(trace.frames.iter().all(|frame| !frame.requests.is_empty()));
+    assert_eq!(trace, read(&second));
     let mut pictures = Vec::new();
     for frame in 0..4 {
         let name = format!("frame_{frame:05}.png");

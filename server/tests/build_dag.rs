@@ -400,3 +400,33 @@ fn pages_are_full_and_root_pages_small() {
 fn built_pages(mesh: &Mesh) -> usize {
     built(mesh).asset.pages.len()
 }
+
+/// The check of cuts is worth something: it fails for a cut with a cluster missing, one twice, or a group half refined.
+#[test]
+fn a_broken_cut_is_seen() {
+    let read = ReadAsset::new(&built(&meshes::torus(120, 60)));
+    let source = read.source_sums();
+    let refine = read.uniform_refinement(1e-2);
+    let drawn = read.drawn(&refine);
+    assert_eq!(read.sums_of(drawn.iter().copied()), source);
+    assert_ne!(read.sums_of(drawn[1..].iter().copied()), source);
+    assert_ne!(
+        read.sums_of(drawn.iter().chain(&drawn[..1]).copied()),
+        source
+    );
+    // Refining a group whose replacement is not on screen, as with a page installed before what it depends on.
+    let coarse = read.uniform_refinement(5e-2);
+    let orphan = (0..coarse.len()).find(|&group| {
+        !coarse[group]
+            && read.parents[group]
+                .iter()
+                .any(|&parent| !coarse[parent as usize])
+    });
+    let mut torn = coarse.clone();
+    torn[orphan.unwrap()] = true;
+    let moved = read.moved_edges();
+    read.check_cut(&coarse, &source, &moved);
+    let check = || read.check_cut(&torn, &source, &moved);
+    assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(check)).is_err());
+    assert_ne!(read.sums_of(read.drawn(&torn).into_iter()), source);
+}

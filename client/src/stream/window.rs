@@ -118,9 +118,9 @@ impl Window {
 mod tests {
     use super::*;
 
-    /// A link of so many bytes a second and so much latency, asked for fetches of 64 KiB at 60 frames a second.
+    /// A link of so many bytes a second and a latency that may change, asked for fetches of 64 KiB at 60 frames a second.
     /// Gives the share of the link that was used in the last half of the time, and the most seconds of queue.
-    fn drive(link_bytes_a_sec: f64, latency_secs: f64, secs: f64) -> (f64, f64) {
+    fn drive(link_bytes_a_sec: f64, latency_at: impl Fn(f64) -> f64, secs: f64) -> (f64, f64) {
         const FETCH_BYTES: u64 = 65_536;
         let mut window = Window::default();
         let mut fetches: VecDeque<(Ticket, f64)> = VecDeque::new();
@@ -128,6 +128,7 @@ mod tests {
         let frames = (secs * 60.0) as u64;
         for frame in 0..frames {
             let now_secs = frame as f64 / 60.0;
+            let latency_secs = latency_at(now_secs);
             while let Some(&(ticket, done_secs)) = fetches.front()
                 && done_secs <= now_secs
             {
@@ -159,7 +160,7 @@ mod tests {
         for mbps in [2.0, 10.0, 100.0, 1000.0] {
             for latency_ms in [1.0, 38.0, 200.0] {
                 let link = mbps * 1e6 / 8.0;
-                let (used, queue) = drive(link, latency_ms / 1e3, 60.0);
+                let (used, queue) = drive(link, |_| latency_ms / 1e3, 60.0);
                 assert!(used > 0.9, "{mbps} Mbps {latency_ms} ms: {used} used");
                 // Four fetches of 64 KiB or the first window of 1 MiB, whichever is the longer on a slow link, else twice the
                 // product of bandwidth and latency, frame times included.
@@ -171,5 +172,13 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// On a link that is never idle, only the shut window can tell that the latency rose.
+    #[test]
+    fn a_latency_that_rises_on_a_busy_link_is_found_out() {
+        let latency_at = |now_secs: f64| if now_secs < 5.0 { 0.005 } else { 0.2 };
+        let (used, _) = drive(100e6 / 8.0, latency_at, 60.0);
+        assert!(used > 0.9, "{used} used");
     }
 }

@@ -10,7 +10,7 @@ use super::boundary::OpenEdges;
 use super::bounds;
 use super::clusterize::{self, clusterize};
 use super::partition::{
-    LARGE_GROUP_CLUSTERS, MAX_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, partition, shared_places,
+    LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, partition, shared_places,
 };
 use super::quantize::{QuantizedMesh, Triangle};
 use super::seams::Seams;
@@ -18,6 +18,9 @@ use super::simplify::{Locks, Simplified, simplify};
 
 /// A round that leaves more of the triangles than this made no headway.
 const NO_HEADWAY: f64 = 0.95;
+
+/// A mesh that is stuck with no more clusters than this is coarse enough: more effort would move its open edges for little.
+const FEW_ROOT_CLUSTERS: usize = 4;
 
 /// At most 128 triangles, with what they were born with.
 #[derive(Debug)]
@@ -90,7 +93,7 @@ pub(super) fn build(mesh: &QuantizedMesh) -> Dag {
         };
         let groups = partition(mesh, &dag.clusters, &pool, target);
         let shared = shared_places(mesh, &dag.clusters, &groups);
-        let release_open_edges = effort == Effort::ReleaseOpenEdges && groups.len() > 1;
+        let release_open_edges = effort == Effort::ReleaseOpenEdges;
         if release_open_edges {
             open = OpenEdges::of(mesh, dag.triangles_of(&pool));
         }
@@ -110,7 +113,7 @@ pub(super) fn build(mesh: &QuantizedMesh) -> Dag {
         round += 1;
         if after as f64 > before as f64 * NO_HEADWAY {
             match effort.next() {
-                Some(next) if pool.len() > MAX_GROUP_CLUSTERS => effort = next,
+                Some(next) if pool.len() > FEW_ROOT_CLUSTERS => effort = next,
                 _ => break,
             }
         }

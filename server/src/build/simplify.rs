@@ -100,7 +100,9 @@ pub(super) fn simplify(
         }
     }
     let (result, error, open_edges_moved) = best?;
-    let weighed_error_metres = error * local.metres_per_unit;
+    // What is wrong with a triangle's normal or texture is wrong over that triangle and no farther: it cannot be seen
+    // from where the triangle is smaller than the error allowed.
+    let weighed_error_metres = error.min(typical_edge(&local, &result)) * local.metres_per_unit;
     let floor = (weighed_error_metres - floor_metres).max(0.0) / local.metres_per_unit;
     let distance = measure::distance(&local.positions, &local.triangles, &result, floor);
     Some(Simplified {
@@ -109,6 +111,16 @@ pub(super) fn simplify(
         weighed_error_metres,
         open_edges_moved,
     })
+}
+
+/// Root of the mean square of the edges of `triangles`, in the group's units.
+fn typical_edge(local: &LocalMesh, triangles: &[[u32; 3]]) -> f64 {
+    let at = |vertex: u32| glam::DVec3::from(local.positions[vertex as usize].map(f64::from));
+    let squares = triangles.iter().flat_map(|&[a, b, c]| {
+        [(a, b), (b, c), (c, a)].map(|(from, to)| at(from).distance_squared(at(to)))
+    });
+    let mean = squares.sum::<f64>() / (3 * triangles.len()).max(1) as f64;
+    mean.sqrt()
 }
 
 /// Whether the new boundary may replace the old one: `Some(whether open edges moved)`, `None` if not.
