@@ -41,7 +41,10 @@ echo "$url"
 step "pictures, streamed over HTTP"
 for scene in belweder city rock; do
   "$client" render "$url" --scene "$scene" --size 960x540 --out "$out/$scene.png" --depth "$out/$scene.pfm" --report "$out/draw-$scene@1.json"
+done
+for scene in belweder rock; do
   "$client" render "$url" --scene "$scene" --size 960x540 --reference --out "$out/$scene-reference.png" --depth "$out/$scene-reference.pfm" --quiet
+  echo "$scene against full detail:"
   "$loadtests" compare "$out/$scene.png" "$out/$scene-reference.png" --depths "$out/$scene.pfm" "$out/$scene-reference.pfm" --report "$out/compare-$scene@1.json"
 done
 "$client" render "$url" --scene belweder --size 960x540 --mode clusters --out "$out/belweder-clusters.png" --quiet

@@ -308,7 +308,10 @@ fn log(quiet: bool, verbose: u8) {
 
 fn summarize(report: &Report) {
     for warning in &report.warnings {
-        eprintln!("warning: {warning}");
+        tracing::info!("{warning}");
+    }
+    if !report.warnings.is_empty() {
+        eprintln!("{} warnings; -v and --report tell them", report.warnings.len());
     }
     let drawn = report.drawn.unwrap_or_default();
     println!(
