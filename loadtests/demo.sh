@@ -58,7 +58,7 @@ for scene in belweder city; do
 done
 
 step "eviction policies on the recorded trace, and viewers at once"
-"$loadtests" policies --trace "$out/city.trace" --pool 8,12,16,24,32,48 --report "$out/policies-city.json"
+"$loadtests" policies --trace "$out/city.trace" --pool 2,3,4,6,8,12 --report "$out/policies-city.json"
 "$loadtests" load "$url" --viewers 24 --seconds 10 --report "$out/load-viewers.json"
 
 step "report"

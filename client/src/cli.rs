@@ -86,7 +86,7 @@ struct RenderArgs {
     #[arg(long, value_name = "FILE.pfm")]
     depth: Option<PathBuf>,
     /// Write the triangles of the chosen cut, in world space.
-    #[arg(long, value_name = "FILE.ply")]
+    #[arg(long, value_name = "FILE.ply", conflicts_with = "reference")]
     cut: Option<PathBuf>,
     /// Longest wait for pages.
     #[arg(long, value_name = "SECS", default_value_t = 300.0, value_parser = seconds)]
@@ -311,7 +311,10 @@ fn summarize(report: &Report) {
         tracing::info!("{warning}");
     }
     if !report.warnings.is_empty() {
-        eprintln!("{} warnings; -v and --report tell them", report.warnings.len());
+        eprintln!(
+            "{} warnings; -v and --report tell them",
+            report.warnings.len()
+        );
     }
     let drawn = report.drawn.unwrap_or_default();
     println!(

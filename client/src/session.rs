@@ -26,6 +26,8 @@ pub const DEFAULT_POOL_BYTES: u64 = 256 << 20;
 const TEXTURE_FETCHES: usize = 8;
 /// Longest sleep for an arrival before the view is looked at again.
 const ARRIVAL_WAIT: Duration = Duration::from_millis(20);
+/// Most frame times kept.
+const MOST_TIMES: usize = 1 << 14;
 /// Step by which the pixel error rises when the adapter cannot hold a frame's queues.
 const QUEUE_RAISE: f32 = 1.25;
 /// Pixel error past which a scene whose queues still do not fit is given up: it is coarser than any picture is large.
@@ -86,6 +88,8 @@ pub struct Session {
     last_counters: Option<Counters>,
     frame_ms: Vec<f64>,
     gpu_ms: BTreeMap<&'static str, Vec<f64>>,
+    /// Whether every frame is a picture; else those that only ask for pages would water the times down.
+    times_frames: bool,
     report: Report,
     // Dropped last: the streamer's tasks run on it.
     _runtime: tokio::runtime::Runtime,
@@ -222,6 +226,7 @@ impl Session {
             last_counters: None,
             frame_ms: Vec::new(),
             gpu_ms: BTreeMap::new(),
+            times_frames: false,
             report,
             _runtime: opening.runtime,
         };
@@ -301,6 +306,9 @@ impl Session {
             let changes = self.streamer.tick(&requests);
             self.apply(&changes)?;
             self.last_counters = Some(result.counters);
+            if self.times_frames {
+                self.keep_gpu_ms(result.gpu_ms);
+            }
         }
         Ok(whole)
     }
@@ -379,15 +387,18 @@ impl Session {
             for result in results {
                 whole &= !self.grow(&result.counters)?;
                 self.last_counters = Some(result.counters);
-                for (pass, ms) in result.gpu_ms {
-                    self.gpu_ms.entry(pass).or_default().push(ms);
-                }
+                self.keep_gpu_ms(result.gpu_ms);
             }
             if whole {
-                self.frame_ms.push(frame_ms);
+                keep(&mut self.frame_ms, frame_ms);
                 return Ok(());
             }
         }
+    }
+
+    /// Counts the GPU's times of the frames that [`Session::take`] gets: all of them are pictures.
+    pub fn time_frames(&mut self) {
+        self.times_frames = true;
     }
 
     /// A warning for the report.
@@ -395,10 +406,34 @@ impl Session {
         self.report.warnings.push(line);
     }
 
-    /// Counts a frame that was drawn and told elsewhere: a window's.
+    /// Counts a frame that was drawn elsewhere: a window's.
     pub fn count_frame(&mut self, frame_ms: f64) {
         self.frames += 1;
-        self.frame_ms.push(frame_ms);
+        keep(&mut self.frame_ms, frame_ms);
+    }
+
+    /// What the last frame that came back drew.
+    pub fn drawn(&self) -> Drawn {
+        self.last_counters
+            .as_ref()
+            .map_or(Drawn::default(), Drawn::from)
+    }
+
+    /// The scene's name.
+    pub fn scene_name(&self) -> &str {
+        &self.scene_name
+    }
+
+    /// Bytes fetched so far: scene, textures and pages.
+    pub fn bytes_fetched(&self) -> u64 {
+        let stats = self.streamer.stats();
+        stats.bytes_fetched + self.report.open_bytes + self.report.texture_bytes_fetched
+    }
+
+    fn keep_gpu_ms(&mut self, gpu_ms: Vec<(&'static str, f64)>) {
+        for (pass, ms) in gpu_ms {
+            keep(self.gpu_ms.entry(pass).or_default(), ms);
+        }
     }
 
     /// What the session did so far.
@@ -418,9 +453,7 @@ impl Session {
             frames: self.frames,
             requests: stats.fetches,
             pages_fetched: stats.pages_fetched,
-            bytes_fetched: stats.bytes_fetched
-                + self.report.open_bytes
-                + self.report.texture_bytes_fetched,
+            bytes_fetched: self.bytes_fetched(),
             pages_resident: stats.pages_resident,
             pages_evicted: stats.pages_evicted,
             pool_bytes: self.renderer.pool().bytes(),
@@ -456,6 +489,14 @@ impl Session {
             ),
         }
     }
+}
+
+/// Appends to the last [`MOST_TIMES`] values: a window may stay open for days.
+fn keep(values: &mut Vec<f64>, value: f64) {
+    if values.len() >= MOST_TIMES {
+        values.drain(..MOST_TIMES / 2);
+    }
+    values.push(value);
 }
 
 /// Bytes of the pool: what was asked for as it is; else the default, or fewer where the adapter or the scene has less.

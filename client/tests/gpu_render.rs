@@ -224,6 +224,48 @@ fn a_tiny_pool_draws_a_coarser_picture_without_holes() {
     assert_eq!(holes, 0);
 }
 
+/// A page that fails its hash is never drawn: the picture is coarser there, whole, written, and the command fails.
+#[test]
+fn a_damaged_page_leaves_a_coarser_picture_and_an_error() {
+    let Some(gpu) = gpu() else { return };
+    let test = plain_scene();
+    let folder = tempfile::tempdir().unwrap();
+    test.publish(folder.path(), "scene");
+    let asset = &test.assets[0].0;
+    let pack = folder
+        .path()
+        .join(lodestream_format::library::object_path(&asset.pack));
+    let mut bytes = std::fs::read(&pack).unwrap();
+    let last = asset.pages.last().unwrap();
+    bytes[last.offset as usize + 20] ^= 1;
+    std::fs::write(&pack, bytes).unwrap();
+    let out = folder.path().join("out.png");
+    let options = RenderOptions {
+        session: SessionOptions {
+            pixel_error_px: 0.05,
+            ..options(folder.path().to_str().unwrap())
+        },
+        camera: Some("eye=1.6,1.4,2.4;target=0,0.6,0;fov=50".parse().unwrap()),
+        reference: false,
+        timeout: Duration::from_secs(2),
+        repeat: 1,
+        out: out.clone(),
+        depth: None,
+        cut: None,
+        report: Some(out.with_extension("json")),
+    };
+    let error = render_on(&gpu, &options).unwrap_err().to_string();
+    assert!(
+        error.contains("pages missing") && error.contains("hash"),
+        "{error}"
+    );
+    assert!(image::open(&out).is_ok());
+    let text = std::fs::read_to_string(out.with_extension("json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert!(report["settled_secs"].is_null());
+    assert!(report["drawn"]["triangles"].as_u64() > Some(1000));
+}
+
 /// A reference whose pages do not fit the pool at once is the same picture.
 #[test]
 fn a_reference_in_batches_is_the_reference() {

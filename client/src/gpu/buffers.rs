@@ -274,3 +274,45 @@ impl Buffers {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)] // A test's way to fail.
+    use super::*;
+
+    #[test]
+    fn queues_double_until_a_frame_fits_and_say_what_the_adapter_lacks() {
+        let gpu = Gpu::noop();
+        let start = Capacities {
+            nodes: 16,
+            clusters: 100,
+        };
+        let counters = Counters {
+            node_count_max: 17,
+            candidate_count: 100,
+            visible_count: 350,
+            ..Counters::default()
+        };
+        let grown = start.grown(&gpu, &counters).unwrap();
+        assert_eq!((grown.nodes, grown.clusters), (32, 400));
+        assert_eq!(grown.grown(&gpu, &counters).unwrap(), grown);
+        let counters = Counters {
+            candidate_count: 1 << 30,
+            ..Counters::default()
+        };
+        let error = start.grown(&gpu, &counters).unwrap_err().to_string();
+        assert!(error.contains("room for 1073741824 clusters"), "{error}");
+    }
+
+    #[test]
+    fn a_buffer_that_cannot_be_bound_names_both_numbers() {
+        let gpu = Gpu::noop();
+        let most = gpu.max_binding_bytes();
+        let error = create(&gpu, "texels", most + 1, BufferUsages::STORAGE).unwrap_err();
+        let text = error.to_string();
+        assert!(
+            text.contains("texels") && text.contains(&most.to_string()),
+            "{text}"
+        );
+    }
+}

@@ -118,14 +118,13 @@ impl Gpu {
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let built = build();
-        for error in [
+        // Every scope has to be closed, whichever of them says something.
+        let said = [
             ready(validation.pop()),
             ready(internal.pop()),
             ready(memory.pop()),
-        ]
-        .into_iter()
-        .flatten()
-        {
+        ];
+        if let Some(error) = said.into_iter().flatten().next() {
             return Err(error.to_string());
         }
         Ok(built)

@@ -97,3 +97,47 @@ impl Pool {
         self.words * 4
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)] // A test's way to fail.
+    use super::*;
+
+    /// Every word lies in one binding, none in more bindings than the passes have room for.
+    #[test]
+    fn bindings_cover_the_pool() {
+        let gpu = Gpu::noop();
+        let largest = gpu.max_binding_bytes() / 4;
+        for words in [
+            1,
+            1000,
+            largest,
+            largest + 1,
+            3 * largest,
+            max_bytes(&gpu) / 4,
+        ] {
+            let bindings = cut(&gpu, words).unwrap();
+            assert!(bindings.count <= MAX_POOL_BINDINGS);
+            let each = match bindings.count {
+                1 => words,
+                _ => 1 << bindings.words_log2,
+            };
+            assert!(
+                each <= largest && each * bindings.count as u64 >= words,
+                "{words}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_pool_that_cannot_be_bound_names_both_numbers() {
+        let gpu = Gpu::noop();
+        let most = max_bytes(&gpu);
+        let text = cut(&gpu, most / 4 + 1).unwrap_err().to_string();
+        let asked = (most / 4 + 1) * 4;
+        assert!(
+            text.contains(&asked.to_string()) && text.contains(&most.to_string()),
+            "{text}"
+        );
+    }
+}

@@ -5,13 +5,14 @@
 //!
 //! requests ─> want (closure, admission) ─> order ─> streamer (get_transport | post_transport) ─> source
 //!               │  governor (pixel error)    │ window (bytes in flight)                            │
-//!               └──── page_state ────────────┴── install <─ decoded <─ page_check <────────────────┘
+//!               └──── page_state ────────────┴── install <── arrive <── page_check <────────────────┘
 //!                                                  │ policy (who leaves)
 //!                                                  └─> changes: evicted, uploads, installed
 //! ```
 //!
 //! `residency` holds the state between these stages and knows neither clock nor network; `streamer` brings both.
 
+mod arrive;
 mod error;
 mod fetch_timing;
 mod folder_source;

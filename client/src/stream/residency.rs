@@ -3,14 +3,13 @@
 //!
 //! A frame calls [`Residency::update`] with the requests that were read back, [`Residency::arrived`] for what came,
 //! [`Residency::next_fetches`] and [`Residency::cancelled`] for what to send and call off, and [`Residency::take_changes`]
-//! for what the GPU has to do. `order.rs` holds the third, `install.rs` the last.
+//! for what the GPU has to do. `arrive.rs` holds the second, `order.rs` the third, `install.rs` the last.
 
 use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
 
 use lodestream_format::disk_form::DiskForm;
 
-use super::error::{Retry, StreamError};
+use super::error::StreamError;
 use super::governor::{Governor, PixelErrorControl, PixelErrorLimit};
 use super::install::Upload;
 use super::opened_scene::OpenedScene;
@@ -58,10 +57,6 @@ impl ResidencyConfig {
 
 /// Updates that a page under way may go unwanted before it is given up: culling flickers at the borders.
 const LINGER_UPDATES: u64 = 4;
-/// Wait after the first failure.
-const FIRST_BACK_OFF_SECS: f64 = 0.25;
-/// Longest wait.
-const MAX_BACK_OFF_SECS: f64 = 30.0;
 /// `fetch` of a page that is in none.
 pub(super) const NO_FETCH: u64 = 0;
 /// `slot` of a page that has none.
@@ -79,7 +74,8 @@ pub(super) struct PageRecord {
     pub(super) installed_dependents: u32,
     pub(super) slot: u32,
     pub(super) fetch: u64,
-    failures: u32,
+    /// In a row.
+    pub(super) failures: u32,
 }
 
 /// A fetch under way.
@@ -296,81 +292,6 @@ impl<Form: PageForm> Residency<Form> {
     /// Numbers of the fetches to call off, since the last call. What still comes of them does no harm.
     pub fn cancelled(&mut self) -> Vec<u64> {
         std::mem::take(&mut self.cancelled)
-    }
-
-    /// Takes a page that came, or the reason why it did not. A page that is not in flight (any more) is passed over.
-    pub fn arrived(&mut self, page: u32, result: Result<Form, StreamError>, now_secs: f64) {
-        if page >= self.pages.count() || self.state(page) != PageState::InFlight {
-            self.stats.pages_superseded += 1;
-            return;
-        }
-        let bytes = self.pages.frame_bytes(page) as u64;
-        self.in_flight_bytes -= bytes;
-        if result.is_ok() {
-            self.window.delivered(bytes);
-        }
-        self.leave_fetch(page, result.is_ok(), now_secs);
-        let local = page - self.pages.asset_pages(page).start;
-        match result {
-            Ok(form) if form.page() == local => {
-                self.stats.pages_fetched += 1;
-                self.stats.bytes_fetched += bytes;
-                self.decoded_bytes += bytes;
-                self.records[page as usize].failures = 0;
-                self.step(page, PageEvent::Arrive);
-                self.decoded.insert(page, form);
-            }
-            Ok(form) => {
-                let expected = format!("page {local} of its asset");
-                let error = lodestream_format::FormatError::new("page", expected, form.page());
-                self.fail(
-                    page,
-                    StreamError::format(format!("scene page {page}"))(error),
-                    now_secs,
-                );
-            }
-            Err(error) => self.fail(page, error, now_secs),
-        }
-    }
-
-    fn leave_fetch(&mut self, page: u32, came: bool, now_secs: f64) {
-        let id = std::mem::replace(&mut self.records[page as usize].fetch, NO_FETCH);
-        if let Entry::Occupied(mut entry) = self.fetches.entry(id) {
-            entry.get_mut().pages.retain(|&other| other != page);
-            if entry.get().pages.is_empty() {
-                let fetch = entry.remove();
-                if came {
-                    self.window.finished(fetch.ticket, now_secs);
-                }
-            }
-        }
-    }
-
-    fn fail(&mut self, page: u32, error: StreamError, now_secs: f64) {
-        let record = &mut self.records[page as usize];
-        record.failures = record.failures.saturating_add(1);
-        let attempts = record.failures;
-        let doubled = FIRST_BACK_OFF_SECS * 2f64.powi(attempts.min(16) as i32 - 1);
-        let wait_secs = match error.retry() {
-            Retry::BackOff => doubled.min(MAX_BACK_OFF_SECS),
-            Retry::After(secs) => {
-                secs.clamp(doubled.min(MAX_BACK_OFF_SECS), 10.0 * MAX_BACK_OFF_SECS)
-            }
-            Retry::Late => MAX_BACK_OFF_SECS,
-        };
-        // Pages that failed together come back spread over a quarter of the wait.
-        let spread = (page.wrapping_mul(0x9e37_79b1) >> 16) as f64 / 65_536.0;
-        let retry_at_secs = now_secs + wait_secs * (1.0 + 0.25 * spread);
-        tracing::warn!(page, attempts, wait_secs, %error, "page failed");
-        self.stats.failures += 1;
-        self.stats.last_failure = Some(error.to_string());
-        self.step(
-            page,
-            PageEvent::Fail {
-                retry_at_secs,
-                attempts,
-            },
-        );
     }
 
     /// The pixel error to cull with: what the user asked for, or more where the pool is too small.

@@ -220,6 +220,7 @@ impl Opened {
         };
         let mut session = Session::on(&gpu, &session_options)?;
         session.set_mode(options.session.mode)?;
+        session.time_frames();
         let radius = session
             .arrays()
             .bounds_in_world()
@@ -370,13 +371,15 @@ impl Opened {
 
     fn lines(&self) -> Vec<String> {
         let stats = self.session.streamer.stats();
-        let report = self.session.report();
-        let drawn = report.drawn.unwrap_or_default();
+        let drawn = self.session.drawn();
         let mode = format!("{:?}", self.session.mode());
         vec![
             format!(
                 "{}  {mode}  {:.1} ms  {:.2} px of {:.2} asked",
-                report.scene, self.smooth_ms, report.pixel_error_shown, stats.pixel_error_asked
+                self.session.scene_name(),
+                self.smooth_ms,
+                self.session.pixel_error(),
+                stats.pixel_error_asked
             ),
             format!(
                 "{} triangles  {} clusters  {} instances",
@@ -386,7 +389,7 @@ impl Opened {
                 "{} pages resident, {} missing  {:.1} MB fetched",
                 stats.pages_resident,
                 stats.pages_missing,
-                report.bytes_fetched as f64 * 1e-6
+                self.session.bytes_fetched() as f64 * 1e-6
             ),
         ]
     }

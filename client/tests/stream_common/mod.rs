@@ -3,6 +3,7 @@
 #![allow(dead_code, clippy::unwrap_used)]
 
 pub mod pool_model;
+pub mod world;
 
 use std::path::Path;
 

@@ -9,9 +9,7 @@ use rayon::prelude::*;
 use super::boundary::OpenEdges;
 use super::bounds;
 use super::clusterize::{self, clusterize};
-use super::partition::{
-    LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, partition, shared_places,
-};
+use super::partition::{LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, partition, shared_places};
 use super::quantize::{QuantizedMesh, Triangle};
 use super::seams::Seams;
 use super::simplify::{Locks, Simplified, simplify};

@@ -347,7 +347,8 @@ fn a_texture_transform_turns_as_its_specification_shows() {
     let view = file.view(&picture(image::ImageFormat::Png));
     file.json["images"] = json!([{"bufferView": view}]);
     file.json["textures"] = json!([{"source": 0}]);
-    let transform = json!({"offset": [0, 1], "rotation": 1.57079632679, "scale": [0.5, 0.5]});
+    let transform =
+        json!({"offset": [0, 1], "rotation": std::f64::consts::FRAC_PI_2, "scale": [0.5, 0.5]});
     let texture = json!({"index": 0, "extensions": {"KHR_texture_transform": transform}});
     file.json["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": texture}}]);
     let [a, b, c, d, e, f] = file.scene().materials[0].uv_transform.unwrap();
