@@ -39,7 +39,9 @@ url=$(sed -n 's/^listening on //p' "$out/serve.out")
 echo "$url"
 
 step "pictures, streamed over HTTP"
-for scene in belweder city rock; do
+above="eye=330,150,345;target=0,22,-6;fov=42"
+"$client" render "$url" --scene city --camera "$above" --size 960x540 --out "$out/city.png" --report "$out/draw-city@1.json"
+for scene in belweder rock; do
   "$client" render "$url" --scene "$scene" --size 960x540 --out "$out/$scene.png" --depth "$out/$scene.pfm" --report "$out/draw-$scene@1.json"
 done
 for scene in belweder rock; do
@@ -48,7 +50,7 @@ for scene in belweder rock; do
   "$loadtests" compare "$out/$scene.png" "$out/$scene-reference.png" --depths "$out/$scene.pfm" "$out/$scene-reference.pfm" --report "$out/compare-$scene@1.json"
 done
 "$client" render "$url" --scene belweder --size 960x540 --mode clusters --out "$out/belweder-clusters.png" --quiet
-"$client" render "$url" --scene city --size 960x540 --mode levels --out "$out/city-levels.png" --quiet
+"$client" render "$url" --scene city --camera "$above" --size 960x540 --mode levels --out "$out/city-levels.png" --quiet
 
 step "camera paths, streamed over HTTP"
 for scene in belweder city; do

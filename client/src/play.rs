@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 
 use crate::error::ClientError;
 use crate::gpu::{self, Gpu};
+use crate::opening::SessionOptions;
 use crate::path::CameraPath;
 use crate::picture::{FileError, write_png};
 use crate::report::Report;
-use crate::session::{Session, SessionOptions};
+use crate::session::Session;
 use crate::trace::{TraceFrame, TraceHeader, TraceWriter};
 
 /// What to play and what to keep of it.

@@ -13,8 +13,8 @@ use lodestream_shaders::types::{ClusterItem, ShadeMode, View};
 use crate::camera::near_metres;
 use crate::error::ClientError;
 use crate::gpu::{self, Capacities, Gpu, PageUpload, Renderer};
+use crate::opening::{DEFAULT_POOL_BYTES, Opening, SessionOptions};
 use crate::report::{Drawn, Report};
-use crate::session::{DEFAULT_POOL_BYTES, Opening, SessionOptions};
 use crate::stream::{OpenedAsset, StreamError, decode_page, split_frames};
 
 /// Pages fetched at once.

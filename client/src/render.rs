@@ -9,10 +9,11 @@ use crate::camera::{Pose, framing, near_metres};
 use crate::cut_file;
 use crate::error::ClientError;
 use crate::gpu::{self, Gpu};
+use crate::opening::SessionOptions;
 use crate::picture::{depth_metres, write_pfm, write_png};
 use crate::reference::reference;
 use crate::report::Report;
-use crate::session::{Session, SessionOptions};
+use crate::session::Session;
 
 /// What to draw and where to write it.
 #[derive(Debug, Clone)]

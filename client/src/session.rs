@@ -4,26 +4,17 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bytes::Bytes;
-use futures_util::StreamExt;
-use lodestream_format::limits::PAGE_BYTES;
 use lodestream_shaders::SceneArrays;
 use lodestream_shaders::cpu::Camera;
-use lodestream_shaders::types::{Counters, NO_TEXTURE, ShadeMode, View, material_flag};
+use lodestream_shaders::types::{Counters, ShadeMode, View};
 
 use crate::camera::near_metres;
 use crate::error::ClientError;
-use crate::gpu::{self, FrameResult, Gpu, GpuError, PageUpload, Renderer, TextureBytes, Work};
+use crate::gpu::{self, FrameResult, Gpu, GpuError, PageUpload, Renderer, Work};
+use crate::opening::{Opening, SessionOptions, pool_bytes};
 use crate::report::{Drawn, Percentiles, Report};
-use crate::stream::{
-    Changes, MIN_SLOTS, OpenedScene, PixelErrorLimit, ResidencyConfig, Source, Streamer,
-    StreamingRequest, Transport,
-};
+use crate::stream::{Changes, PixelErrorLimit, ResidencyConfig, Streamer, StreamingRequest};
 
-/// Bytes of the page pool unless asked otherwise.
-pub const DEFAULT_POOL_BYTES: u64 = 256 << 20;
-/// Texture objects fetched at a time.
-const TEXTURE_FETCHES: usize = 8;
 /// Longest sleep for an arrival before the view is looked at again.
 const ARRIVAL_WAIT: Duration = Duration::from_millis(20);
 /// Most frame times kept.
@@ -32,46 +23,6 @@ const MOST_TIMES: usize = 1 << 14;
 const QUEUE_RAISE: f32 = 1.25;
 /// Pixel error past which a scene whose queues still do not fit is given up: it is coarser than any picture is large.
 const MOST_PIXEL_ERROR: f32 = 1e6;
-
-/// What a session is opened with.
-#[derive(Debug, Clone)]
-pub struct SessionOptions {
-    /// `http(s)://…` or a library folder.
-    pub location: String,
-    /// The scene's name.
-    pub scene: String,
-    /// Width and height of the picture, pixels.
-    pub size_px: [u32; 2],
-    /// Pixel error asked for.
-    pub pixel_error_px: f32,
-    /// Bytes of the page pool; without it as many as are usual, or fewer where the adapter or the scene has less.
-    pub pool_bytes: Option<u64>,
-    /// What the picture shows.
-    pub mode: ShadeMode,
-    /// Part of the name of the adapter to use.
-    pub adapter: Option<String>,
-    /// How pages are asked for.
-    pub transport: Transport,
-    /// Updates between a request's frame and its readback, at least: more for frames that are not waited for.
-    pub readback_updates: u32,
-}
-
-impl SessionOptions {
-    /// Defaults for a scene of a library.
-    pub fn new(location: &str, scene: &str) -> Self {
-        Self {
-            location: location.to_owned(),
-            scene: scene.to_owned(),
-            size_px: [960, 540],
-            pixel_error_px: 1.0,
-            pool_bytes: None,
-            mode: ShadeMode::Shaded,
-            adapter: None,
-            transport: Transport::default(),
-            readback_updates: 2,
-        }
-    }
-}
 
 /// See the module.
 pub struct Session {
@@ -84,6 +35,7 @@ pub struct Session {
     near_metres: f32,
     /// Least pixel error that the adapter's queues can hold.
     queue_pixel_error: f32,
+    looked_from: Option<Camera>,
     frames: u64,
     last_counters: Option<Counters>,
     frame_ms: Vec<f64>,
@@ -93,87 +45,6 @@ pub struct Session {
     report: Report,
     // Dropped last: the streamer's tasks run on it.
     _runtime: tokio::runtime::Runtime,
-}
-
-/// A scene opened from a library: what a session and a reference begin with.
-pub struct Opening {
-    /// Where pages and textures come from.
-    pub source: Source,
-    /// The scene.
-    pub scene: Arc<OpenedScene>,
-    /// Its arrays.
-    pub arrays: Arc<SceneArrays>,
-    /// Where fetches run.
-    pub runtime: tokio::runtime::Runtime,
-    /// Seconds that it took.
-    pub secs: f64,
-}
-
-impl Opening {
-    /// Connects and opens.
-    pub fn new(location: &str, scene: &str) -> Result<Self, ClientError> {
-        let start = Instant::now();
-        let runtime = tokio::runtime::Builder::new_multi_thread()
-            .worker_threads(2)
-            .enable_all()
-            .build()
-            .map_err(|error| ClientError::Setting {
-                at: "threads".to_owned(),
-                expected: "two worker threads".to_owned(),
-                found: error.to_string(),
-            })?;
-        let source = Source::connect(location)?;
-        let opened = runtime.block_on(source.open(scene))?;
-        let assets = opened
-            .assets
-            .iter()
-            .map(|used| (&used.asset, &used.hierarchy));
-        let arrays = SceneArrays::new(&opened.scene, assets);
-        Ok(Self {
-            source,
-            scene: Arc::new(opened),
-            arrays: Arc::new(arrays),
-            runtime,
-            secs: start.elapsed().as_secs_f64(),
-        })
-    }
-
-    /// Fetches and uploads the textures that pictures of `mode` look at; the rest stays away. Says so in `report`.
-    pub fn load_textures(
-        &self,
-        renderer: &mut Renderer,
-        mode: ShadeMode,
-        report: &mut Report,
-    ) -> Result<(), ClientError> {
-        let materials = &self.arrays.materials;
-        let looked_at = |masked_only: bool| {
-            materials.iter().any(|material| {
-                material.texture != NO_TEXTURE
-                    && (!masked_only || material.flags & material_flag::MASK != 0)
-            })
-        };
-        if !looked_at(mode != ShadeMode::Shaded) {
-            return Ok(());
-        }
-        let textures = &self.scene.scene.textures;
-        let fetches = textures
-            .iter()
-            .map(|texture| self.source.object(&texture.object));
-        let fetches = futures_util::stream::iter(fetches).buffered(TEXTURE_FETCHES);
-        let bytes: Vec<Result<Bytes, _>> = self.runtime.block_on(fetches.collect());
-        let bytes = bytes.into_iter().collect::<Result<Vec<_>, _>>()?;
-        report.texture_bytes_fetched = bytes.iter().map(|bytes| bytes.len() as u64).sum();
-        let pairs: Vec<_> = textures
-            .iter()
-            .zip(&bytes)
-            .map(|(texture, bytes)| TextureBytes { texture, bytes })
-            .collect();
-        let layout = renderer.upload_textures(&pairs)?;
-        report.texture_bytes = layout.words as u64 * 4;
-        report.texture_mips_left_out = layout.dropped_mips.iter().sum();
-        report.warnings.extend(layout.notes);
-        Ok(())
-    }
 }
 
 impl Session {
@@ -222,6 +93,7 @@ impl Session {
             scene_name: options.scene.clone(),
             mode: options.mode,
             queue_pixel_error: 0.0,
+            looked_from: None,
             frames: 0,
             last_counters: None,
             frame_ms: Vec::new(),
@@ -334,8 +206,17 @@ impl Session {
         }
     }
 
+    /// Says where the next frames look from: after a move, nothing is settled until frames of the new view came back.
+    pub fn look(&mut self, camera: &Camera) {
+        if self.looked_from.as_ref() != Some(camera) {
+            self.looked_from = Some(*camera);
+            self.streamer.view_changed();
+        }
+    }
+
     /// One frame that only asks for pages, waited for. Returns its requests, once it is whole.
     pub fn request_pages(&mut self, camera: &Camera) -> Result<Vec<StreamingRequest>, ClientError> {
+        self.look(camera);
         loop {
             let view = self.view(camera);
             self.renderer.draw(&view, Work::Requests)?;
@@ -497,27 +378,4 @@ fn keep(values: &mut Vec<f64>, value: f64) {
         values.drain(..MOST_TIMES / 2);
     }
     values.push(value);
-}
-
-/// Bytes of the pool: what was asked for as it is; else the default, or fewer where the adapter or the scene has less.
-fn pool_bytes(
-    gpu: &Gpu,
-    scene: &OpenedScene,
-    asked: Option<u64>,
-    warnings: &mut Vec<String>,
-) -> u64 {
-    let entries = scene.assets.iter().flat_map(|used| &used.asset.pages);
-    // Every page in a slot of its own, roots counted too: more than that is never filled.
-    let whole = (entries.count() as u64 + MIN_SLOTS as u64) * PAGE_BYTES as u64;
-    let wanted = asked.unwrap_or_else(|| {
-        let most = gpu::max_bytes(gpu);
-        if most < DEFAULT_POOL_BYTES {
-            warnings.push(format!(
-                "page pool of {most} bytes instead of {DEFAULT_POOL_BYTES}: {} binds no more",
-                gpu.name
-            ));
-        }
-        DEFAULT_POOL_BYTES.min(most)
-    });
-    wanted.min(whole)
 }

@@ -10,12 +10,12 @@ use std::time::Duration;
 
 use gpu_common::{TestScene, gpu, keep_picture, plain_scene, textured_scene};
 use lodestream_client::gpu::Gpu;
+use lodestream_client::opening::SessionOptions;
 use lodestream_client::picture::psnr_db;
 use lodestream_client::play::{PlayOptions, play_on};
 use lodestream_client::reference::{Reference, reference};
 use lodestream_client::render::{RenderOptions, render_on};
 use lodestream_client::report::Report;
-use lodestream_client::session::SessionOptions;
 use lodestream_client::trace::Trace;
 use lodestream_server::http::AppState;
 use lodestream_server::http::serve::Server;

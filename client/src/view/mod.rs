@@ -14,8 +14,8 @@ use winit::event_loop::EventLoop;
 
 use crate::camera::Pose;
 use crate::error::ClientError;
+use crate::opening::SessionOptions;
 use crate::report::Report;
-use crate::session::SessionOptions;
 use crate::stream::Source;
 
 pub use navigation::Navigation;
@@ -46,7 +46,13 @@ pub fn view(mut options: ViewOptions) -> Result<Report, ClientError> {
     let failed = |error: winit::error::EventLoopError| ClientError::Setting {
         at: "window".to_owned(),
         expected: "a display (X11 or Wayland)".to_owned(),
-        found: error.to_string(),
+        // winit puts the place in its own source before the reason.
+        found: error
+            .to_string()
+            .rsplit(": ")
+            .next()
+            .unwrap_or("none")
+            .to_owned(),
     };
     let events = EventLoop::new().map_err(failed)?;
     let mut app = App::new(options);

@@ -18,9 +18,10 @@ use super::overlay::TextBox;
 use crate::camera::framing;
 use crate::error::ClientError;
 use crate::gpu::{self, Gpu, GpuError, Work};
+use crate::opening::SessionOptions;
 use crate::picture::write_png;
 use crate::report::Report;
-use crate::session::{Session, SessionOptions};
+use crate::session::Session;
 
 /// Digit keys' modes, from 1 on; 0 is the tenth.
 const MODES: [ShadeMode; 10] = [
@@ -339,6 +340,7 @@ impl Opened {
         };
         let size_px = [self.config.width, self.config.height];
         let camera = self.navigation.camera(size_px);
+        self.session.look(&camera);
         let view = self.session.view(&camera);
         self.session.renderer.draw(&view, Work::Picture)?;
         let text = match self.shows_text {

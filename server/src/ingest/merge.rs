@@ -66,7 +66,8 @@ impl Merged {
                 (first_mesh + instance.mesh as usize, rows)
             }));
         self.source_triangles += scene.source_triangles;
-        let name = file.display();
+        // Published with the scene: the folder on the ingesting machine is nobody's business.
+        let name = file.file_name().unwrap_or(file.as_os_str()).display();
         self.warnings
             .extend(scene.warnings.iter().map(|line| format!("{name}: {line}")));
     }

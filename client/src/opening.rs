@@ -1,0 +1,163 @@
+//! A scene opened from a library: what a session and a reference begin with.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use bytes::Bytes;
+use futures_util::StreamExt;
+use lodestream_format::limits::PAGE_BYTES;
+use lodestream_shaders::SceneArrays;
+use lodestream_shaders::types::{NO_TEXTURE, ShadeMode, material_flag};
+
+use crate::error::ClientError;
+use crate::gpu::{self, Gpu, Renderer, TextureBytes};
+use crate::report::Report;
+use crate::stream::{MIN_SLOTS, OpenedScene, Source, Transport};
+
+/// Bytes of the page pool unless asked otherwise.
+pub const DEFAULT_POOL_BYTES: u64 = 256 << 20;
+/// Texture objects fetched at a time.
+const TEXTURE_FETCHES: usize = 8;
+/// What a session is opened with.
+#[derive(Debug, Clone)]
+pub struct SessionOptions {
+    /// `http(s)://…` or a library folder.
+    pub location: String,
+    /// The scene's name.
+    pub scene: String,
+    /// Width and height of the picture, pixels.
+    pub size_px: [u32; 2],
+    /// Pixel error asked for.
+    pub pixel_error_px: f32,
+    /// Bytes of the page pool; without it as many as are usual, or fewer where the adapter or the scene has less.
+    pub pool_bytes: Option<u64>,
+    /// What the picture shows.
+    pub mode: ShadeMode,
+    /// Part of the name of the adapter to use.
+    pub adapter: Option<String>,
+    /// How pages are asked for.
+    pub transport: Transport,
+    /// Updates between a request's frame and its readback, at least: more for frames that are not waited for.
+    pub readback_updates: u32,
+}
+
+impl SessionOptions {
+    /// Defaults for a scene of a library.
+    pub fn new(location: &str, scene: &str) -> Self {
+        Self {
+            location: location.to_owned(),
+            scene: scene.to_owned(),
+            size_px: [960, 540],
+            pixel_error_px: 1.0,
+            pool_bytes: None,
+            mode: ShadeMode::Shaded,
+            adapter: None,
+            transport: Transport::default(),
+            readback_updates: 2,
+        }
+    }
+}
+
+/// A scene opened from a library: what a session and a reference begin with.
+pub struct Opening {
+    /// Where pages and textures come from.
+    pub source: Source,
+    /// The scene.
+    pub scene: Arc<OpenedScene>,
+    /// Its arrays.
+    pub arrays: Arc<SceneArrays>,
+    /// Where fetches run.
+    pub runtime: tokio::runtime::Runtime,
+    /// Seconds that it took.
+    pub secs: f64,
+}
+
+impl Opening {
+    /// Connects and opens.
+    pub fn new(location: &str, scene: &str) -> Result<Self, ClientError> {
+        let start = Instant::now();
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build()
+            .map_err(|error| ClientError::Setting {
+                at: "threads".to_owned(),
+                expected: "two worker threads".to_owned(),
+                found: error.to_string(),
+            })?;
+        let source = Source::connect(location)?;
+        let opened = runtime.block_on(source.open(scene))?;
+        let assets = opened
+            .assets
+            .iter()
+            .map(|used| (&used.asset, &used.hierarchy));
+        let arrays = SceneArrays::new(&opened.scene, assets);
+        Ok(Self {
+            source,
+            scene: Arc::new(opened),
+            arrays: Arc::new(arrays),
+            runtime,
+            secs: start.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// Fetches and uploads the textures that pictures of `mode` look at; the rest stays away. Says so in `report`.
+    pub fn load_textures(
+        &self,
+        renderer: &mut Renderer,
+        mode: ShadeMode,
+        report: &mut Report,
+    ) -> Result<(), ClientError> {
+        let materials = &self.arrays.materials;
+        let looked_at = |masked_only: bool| {
+            materials.iter().any(|material| {
+                material.texture != NO_TEXTURE
+                    && (!masked_only || material.flags & material_flag::MASK != 0)
+            })
+        };
+        if !looked_at(mode != ShadeMode::Shaded) {
+            return Ok(());
+        }
+        let textures = &self.scene.scene.textures;
+        let fetches = textures
+            .iter()
+            .map(|texture| self.source.object(&texture.object));
+        let fetches = futures_util::stream::iter(fetches).buffered(TEXTURE_FETCHES);
+        let bytes: Vec<Result<Bytes, _>> = self.runtime.block_on(fetches.collect());
+        let bytes = bytes.into_iter().collect::<Result<Vec<_>, _>>()?;
+        report.texture_bytes_fetched = bytes.iter().map(|bytes| bytes.len() as u64).sum();
+        let pairs: Vec<_> = textures
+            .iter()
+            .zip(&bytes)
+            .map(|(texture, bytes)| TextureBytes { texture, bytes })
+            .collect();
+        let layout = renderer.upload_textures(&pairs)?;
+        report.texture_bytes = layout.words as u64 * 4;
+        report.texture_mips_left_out = layout.dropped_mips.iter().sum();
+        report.warnings.extend(layout.notes);
+        Ok(())
+    }
+}
+
+/// Bytes of the pool: what was asked for as it is; else the default, or fewer where the adapter or the scene has less.
+pub(crate) fn pool_bytes(
+    gpu: &Gpu,
+    scene: &OpenedScene,
+    asked: Option<u64>,
+    warnings: &mut Vec<String>,
+) -> u64 {
+    let entries = scene.assets.iter().flat_map(|used| &used.asset.pages);
+    // Every page in a slot of its own, roots counted too: more than that is never filled.
+    let whole = (entries.count() as u64 + MIN_SLOTS as u64) * PAGE_BYTES as u64;
+    let wanted = asked.unwrap_or_else(|| {
+        let most = gpu::max_bytes(gpu);
+        if most < DEFAULT_POOL_BYTES {
+            warnings.push(format!(
+                "page pool of {most} bytes instead of {DEFAULT_POOL_BYTES}: {} binds no more",
+                gpu.name
+            ));
+        }
+        DEFAULT_POOL_BYTES.min(most)
+    });
+    wanted.min(whole)
+}

@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# Error against run time for the sample scenes: builds, pictures over a range of pixel errors, paths over links, policies over pools.
+# Called by `make report`, which builds first; writes target/report/index.html with the JSON beside it.
+set -eu
+cd "$(dirname "$0")/.."
+
+bin=${CARGO_TARGET_DIR:-target}/release
+out=target/report
+server=$bin/lodestream-server client=$bin/lodestream-client loadtests=$bin/lodestream-loadtests
+rm -rf "$out"
+mkdir -p "$out"
+
+"$loadtests" sample rock --out "$out/rock.glb"
+cp loadtests/samples/belweder.glb "$out/"
+for scene in belweder rock; do
+  "$server" ingest "$out/$scene.glb" --library "$out/library" --scene "$scene" --report "$out/build-$scene.json"
+  picture() { "$client" render "$out/library" --scene "$scene" --size 640x360 "$@" --quiet; }
+  picture --reference --out "$out/$scene-reference.png" --depth "$out/$scene-reference.pfm"
+  for px in 0.5 1 2 4 8 16; do
+    name=$scene@$px
+    picture --pixel-error "$px" --out "$out/$name.png" --depth "$out/$name.pfm" --report "$out/draw-$name.json"
+    "$loadtests" compare "$out/$name.png" "$out/$scene-reference.png" --depths "$out/$name.pfm" "$out/$scene-reference.pfm" \
+      --report "$out/compare-$name.json"
+  done
+  "$client" play "$out/library" --scene "$scene" --path "loadtests/samples/$scene.path.json" --trace "$out/$scene.trace" \
+    --report "$out/play-$scene.json"
+  "$loadtests" policies --trace "$out/$scene.trace" --pool 2,3,4,6,8 --report "$out/policies-$scene.json" --quiet
+done
+rm -f "$out"/*.pfm
+"$loadtests" report "$out"
