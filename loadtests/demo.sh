@@ -15,7 +15,7 @@ mkdir -p "$out/frames"
 step() { printf '\n== %s (%d s)\n' "$1" "$(($(date +%s) - started))"; }
 
 step "making a city of many instances, and a rock"
-"$loadtests" sample city --out "$out/city.glb"
+"$loadtests" sample city --instances 1200 --out "$out/city.glb"
 "$loadtests" sample rock --out "$out/rock.glb"
 
 step "ingesting: clusters, hierarchy, pages"
@@ -39,7 +39,7 @@ url=$(sed -n 's/^listening on //p' "$out/serve.out")
 echo "$url"
 
 step "pictures, streamed over HTTP"
-above="eye=330,150,345;target=0,22,-6;fov=42"
+above="eye=210,100,225;target=0,22,-6;fov=42"
 "$client" render "$url" --scene city --camera "$above" --size 960x540 --out "$out/city.png" --report "$out/draw-city@1.json"
 for scene in belweder rock; do
   "$client" render "$url" --scene "$scene" --size 960x540 --out "$out/$scene.png" --depth "$out/$scene.pfm" --report "$out/draw-$scene@1.json"

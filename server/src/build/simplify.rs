@@ -102,7 +102,9 @@ pub(super) fn simplify(
     let (result, error, open_edges_moved) = best?;
     // What is wrong with a triangle's normal or texture is wrong over that triangle and no farther: it cannot be seen
     // from where the triangle is smaller than the error allowed.
-    let weighed_error_metres = error.min(typical_edge(&local, &result)) * local.metres_per_unit;
+    let attributes = error.min(typical_edge(&local, &result));
+    let weighed_error_metres =
+        attributes.max(material_error(&local, &result)) * local.metres_per_unit;
     let floor = (weighed_error_metres - floor_metres).max(0.0) / local.metres_per_unit;
     let distance = measure::distance(&local.positions, &local.triangles, &result, floor);
     Some(Simplified {
@@ -111,6 +113,30 @@ pub(super) fn simplify(
         weighed_error_metres,
         open_edges_moved,
     })
+}
+
+/// How far a material's surface moved, in the group's units, but no farther than its triangles are large: a stripe on a
+/// road lies on the road when it is gone, and yet its colour is missed, over the stripe.
+fn material_error(local: &LocalMesh, result: &[[u32; 3]]) -> f64 {
+    let mut slots = local.materials.clone();
+    slots.sort_unstable();
+    slots.dedup();
+    if slots.len() < 2 {
+        return 0.0;
+    }
+    let of = |triangles: &[[u32; 3]], slot: u16| -> Vec<[u32; 3]> {
+        let own = |corners: &&[u32; 3]| local.materials[corners[0] as usize] == slot;
+        triangles.iter().filter(own).copied().collect()
+    };
+    let moved = |slot: u16| {
+        let (before, after) = (of(&local.triangles, slot), of(result, slot));
+        let size = typical_edge(local, &before).max(typical_edge(local, &after));
+        match before.is_empty() || after.is_empty() {
+            true => size,
+            false => measure::distance(&local.positions, &before, &after, 0.0).min(size),
+        }
+    };
+    slots.into_iter().map(moved).fold(0.0, f64::max)
 }
 
 /// Root of the mean square of the edges of `triangles`, in the group's units.
@@ -149,8 +175,8 @@ fn run(
             .iter()
             .map(|&place| locked(place) || locks.seams.material[place as usize])
             .collect();
-        // Its error is what is measured afterwards.
-        return (merge(local, places, &fixed, target), 0.0);
+        // It knows nothing of attributes: all of them may be wrong, over a triangle each.
+        return (merge(local, places, &fixed, target), f64::INFINITY);
     }
     let keep_uv = attempt == Attempt::KeepSeams;
     let rules: Vec<VertexRule> = places
