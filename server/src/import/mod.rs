@@ -22,6 +22,7 @@ mod nodes;
 mod normals;
 mod primitive;
 mod scene;
+mod source;
 mod uri;
 mod warnings;
 
@@ -41,6 +42,7 @@ pub use error::{Fault, ImportError};
 pub use scene::{
     AlphaMode, Image, ImportedScene, Instance, Material, MediaType, Mesh, SamplerWrap,
 };
+pub use source::MeshSource;
 
 /// The document beside the bytes that its views cut out of: what every stage reads.
 struct Document<'a> {
