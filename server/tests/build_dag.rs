@@ -106,14 +106,22 @@ fn closed_smooth_meshes_come_down_to_one_cluster() {
     }
 }
 
+/// A border of 400 edges comes down with the surface; where it lies is bounded like everything else (see the errors below).
 #[test]
-fn open_borders_stay_exactly_where_they_are() {
+fn open_borders_simplify_with_the_surface() {
     let (built, read) = check(&meshes::terrain(100), 40);
-    assert_eq!(built.report.groups_with_moved_open_edges, 0);
-    // 400 border edges on top of everything else that a square needs.
+    assert!(built.report.groups_with_moved_open_edges > 0);
     assert_eq!(read.source_sums().len(), 400);
-    assert_eq!(roots(&read).count(), 1);
-    assert!(roots(&read).all(|group| group.triangle_count < 1200));
+    let root: Vec<_> = roots(&read).collect();
+    assert_eq!((root.len(), root[0].cluster_count), (1, 1));
+    // The coarsest cut still has one border round the square.
+    let coarsest = read.drawn(&read.uniform_refinement(1e29));
+    let border = read.sums_of(coarsest.into_iter());
+    assert!(
+        (4..200).contains(&border.len()),
+        "{} border edges",
+        border.len()
+    );
 }
 
 #[test]
@@ -155,8 +163,7 @@ fn loose_parts_and_unwelded_soup_get_coarser_too() {
         meshes::unwelded(&meshes::sphere(24, 1.0, [0.0; 3])),
         meshes::slivers(60),
     ] {
-        let (built, read) = check(&mesh, 30);
-        assert_eq!(built.report.groups_with_moved_open_edges, 0);
+        let (_, read) = check(&mesh, 30);
         let left: u32 = roots(&read).map(|group| group.triangle_count).sum();
         assert!(
             left < 1000,
@@ -166,20 +173,11 @@ fn loose_parts_and_unwelded_soup_get_coarser_too() {
     }
 }
 
-/// Sheets have no coarser form with their borders kept; the build then says that it moved them.
 #[test]
-fn thousands_of_sheets_get_coarser_by_moving_their_borders() {
-    let (built, read) = check(&meshes::cards(6000), 30);
+fn thousands_of_sheets_get_coarser() {
+    let (_, read) = check(&meshes::cards(6000), 30);
     let left: u32 = roots(&read).map(|group| group.triangle_count).sum();
-    assert!(left < 4200, "{left} triangles in root groups");
-    assert!(built.report.groups_with_moved_open_edges > 0);
-    assert!(
-        built
-            .report
-            .warnings
-            .iter()
-            .any(|line| line.contains("open edges"))
-    );
+    assert!(left <= 128, "{left} triangles in root groups");
 }
 
 #[test]
@@ -222,7 +220,7 @@ fn bytes_do_not_depend_on_the_thread_count() {
         for other in [&four, &again] {
             assert_eq!(one.asset_bytes, other.asset_bytes);
             assert_eq!(one.hierarchy_bytes, other.hierarchy_bytes);
-            assert_eq!(one.pack, other.pack);
+            assert_eq!(one.asset.pack, other.asset.pack);
         }
     }
 }
@@ -235,7 +233,7 @@ fn size_and_place_do_not_matter() {
         let factor = 2f32.powi(exponent);
         let other = built(&meshes::mapped(&unit, "scaled", |x| x * factor));
         assert_eq!(
-            other.pack, reference.pack,
+            other.asset.pack, reference.asset.pack,
             "the same grid indices and levels"
         );
         for (row, own) in reference
@@ -276,7 +274,7 @@ fn the_smallest_and_the_worst_meshes_build() {
     for place in [[0.0; 3], [1e7; 3], [-3e38; 3], [1e-40; 3]] {
         let (built, read) = check(&triangle([place; 3]), 2);
         assert_eq!(read.clusters[0].triangles.len(), 1);
-        assert_eq!(built.report.warnings.len(), 2);
+        assert_eq!(built.report.warnings.len(), 1);
     }
     let collinear = [[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]];
     check(&triangle(collinear), 2);
@@ -329,7 +327,7 @@ fn what_cannot_be_built_is_refused_in_one_line() {
     for found in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let options = BuildOptions {
             position_step: PositionStep::Metres(found),
-            ..options
+            ..BuildOptions::default()
         };
         assert!(matches!(
             build(&good, &options),
@@ -417,7 +415,10 @@ fn a_broken_cut_is_seen() {
     // Refining a group whose replacement is not on screen, as with a page installed before what it depends on.
     let coarse = read.uniform_refinement(5e-2);
     let orphan = (0..coarse.len()).find(|&group| {
+        let members = (0..read.clusters.len())
+            .filter(|&cluster| read.clusters[cluster].group as usize == group);
         !coarse[group]
+            && !read.sums_of(members).is_empty()
             && read.parents[group]
                 .iter()
                 .any(|&parent| !coarse[parent as usize])

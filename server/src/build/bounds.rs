@@ -4,24 +4,30 @@ use lodestream_format::Sphere;
 use lodestream_format::bounds::round_up;
 use lodestream_format::hierarchy::ROOT_ERROR;
 
-use super::dag::Cluster;
-use super::quantize::{QuantizedMesh, Triangle};
+use super::cluster::{Birth, ClusterInfo, ClusterView};
+use super::clusterize::Clusters;
 use super::simplify::Simplified;
+use super::vertex::Grids;
 
-/// Sphere around triangles, local metres.
-pub(super) fn around(mesh: &QuantizedMesh, triangles: &[Triangle]) -> Sphere {
-    let mut vertices: Vec<u32> = triangles
-        .iter()
-        .flat_map(|triangle| triangle.vertices)
-        .collect();
-    vertices.sort_unstable();
-    vertices.dedup();
-    Sphere::around(vertices.iter().map(|&vertex| mesh.local_metres(vertex)))
+/// Sphere around the box of a cluster, local metres.
+pub(super) fn around(grids: &Grids, info: &ClusterInfo) -> Sphere {
+    let (low, high) = (grids.local_metres(info.low), grids.local_metres(info.high));
+    let center: [f32; 3] = std::array::from_fn(|axis| 0.5 * low[axis] + 0.5 * high[axis]);
+    let corner = |point: [f32; 3]| {
+        (0..3)
+            .map(|axis| (point[axis] as f64 - center[axis] as f64).powi(2))
+            .sum::<f64>()
+    };
+    let radius = corner(low).max(corner(high)).sqrt();
+    Sphere {
+        center,
+        radius: round_up(radius * (1.0 + 1e-6)),
+    }
 }
 
 /// The lod sphere of a group: around the lod spheres that its clusters were born with, which hold their geometry.
-pub(super) fn lod_sphere<'a>(members: impl Iterator<Item = &'a Cluster>) -> Sphere {
-    let mut spheres: Vec<Sphere> = members.map(|cluster| cluster.lod_sphere).collect();
+pub(super) fn lod_sphere(births: &[Birth]) -> Sphere {
+    let mut spheres: Vec<Sphere> = births.iter().map(|birth| birth.lod_sphere).collect();
     // Clusters of one finer group were born with one sphere.
     spheres.sort_unstable_by_key(key);
     spheres.dedup();
@@ -33,23 +39,35 @@ fn key(sphere: &Sphere) -> [u32; 4] {
     [x, y, z, sphere.radius.to_bits()]
 }
 
-/// Largest error of a group's clusters, metres.
-pub(super) fn largest_error<'a>(members: impl Iterator<Item = &'a Cluster>) -> f32 {
-    members
-        .map(|cluster| cluster.error_metres)
-        .fold(0.0, f32::max)
+/// The sphere with its radius large enough for the vertices of a replacement, which may have moved outwards.
+pub(super) fn grown(sphere: Sphere, grids: &Grids, clusters: &Clusters) -> Sphere {
+    let center = sphere.center.map(f64::from);
+    let mut squared = 0.0f64;
+    for info in &clusters.infos {
+        let words = &clusters.words[info.first_word as usize..][..info.words as usize];
+        for vertex in ClusterView::new(words).vertices {
+            let at = grids.local_metres(vertex.position);
+            let away = (0..3).map(|axis| (at[axis] as f64 - center[axis]).powi(2));
+            squared = squared.max(away.sum());
+        }
+    }
+    let needed = round_up(squared.sqrt() * (1.0 + 1e-6));
+    Sphere {
+        radius: sphere.radius.max(needed),
+        ..sphere
+    }
 }
 
-/// Error of a group's replacement, metres. By the triangle inequality the distance to the source is at most the members'
-/// own distance plus that of this step; the simplifier's error, which weighs attributes in, may be larger still. Nothing
-/// is farther off than the lod sphere is wide, which holds both surfaces and only grows toward the root.
-pub(super) fn parent_error(
-    members_error: f32,
-    simplified: &Simplified,
-    lod_sphere: &Sphere,
-) -> f32 {
-    let surface = members_error as f64 + simplified.distance_metres;
-    let error = surface.max(simplified.weighed_error_metres);
+/// Error of a group's replacement, metres: its distance to the source, or its attributes' error where that is larger, but
+/// never less than any member's. Nothing is farther off than the lod sphere is wide, which holds both surfaces and only
+/// grows toward the root.
+pub(super) fn parent_error(births: &[Birth], simplified: &Simplified, lod_sphere: &Sphere) -> f32 {
+    let members = births
+        .iter()
+        .map(|birth| birth.error_metres as f64)
+        .fold(0.0, f64::max);
+    let error = simplified.distance_metres.max(simplified.attribute_metres);
     // Below the root's, whatever the size of the mesh.
-    round_up(error.min(2.0 * lod_sphere.radius as f64)).min(ROOT_ERROR / 2.0)
+    let most = members.max(2.0 * lod_sphere.radius as f64);
+    round_up(error.max(members).min(most)).min(ROOT_ERROR / 2.0)
 }

@@ -6,37 +6,23 @@ use lodestream_format::hierarchy::ROOT_ERROR;
 use lodestream_format::limits::MAX_LEVELS;
 use rayon::prelude::*;
 
-use super::boundary::OpenEdges;
+use super::borders::{Borders, ChunkBounds};
 use super::bounds;
-use super::clusterize::{self, clusterize};
-use super::partition::{LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, partition, shared_places};
-use super::quantize::{QuantizedMesh, Triangle};
-use super::seams::Seams;
-use super::simplify::{Locks, Simplified, simplify};
+use super::cluster::{Birth, ClusterInfo, ClusterView};
+use super::clusterize::Clusters;
+use super::error::BuildError;
+use super::partition::{self, LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, chunks};
+use super::simplify::{Job, Placement, Simplified, Workspace};
+use super::store::{Part, Store};
+use super::vertex::Grids;
 
 /// A round that leaves more of the triangles than this made no headway.
 const NO_HEADWAY: f64 = 0.95;
 
-/// A mesh that is stuck with no more clusters than this is coarse enough: more effort would move its open edges for little.
-const FEW_ROOT_CLUSTERS: usize = 4;
-
-/// At most 128 triangles, with what they were born with.
-#[derive(Debug)]
-pub(super) struct Cluster {
-    pub triangles: Vec<Triangle>,
-    /// Group whose simplification made it, or `NO_GROUP`.
-    pub child_group: u32,
-    /// 0 for source triangles, else one more than that of the group.
-    pub level: u8,
-    /// Error of that group's replacement, metres; 0 for source triangles.
-    pub error_metres: f32,
-    /// Lod sphere of that group; around the triangles themselves for source triangles.
-    pub lod_sphere: Sphere,
-}
-
 /// Clusters that are refined together.
 #[derive(Debug)]
 pub(super) struct Group {
+    /// Clusters that it holds.
     pub members: Vec<u32>,
     /// Largest level of its clusters.
     pub level: u8,
@@ -47,9 +33,10 @@ pub(super) struct Group {
 }
 
 /// Every cluster and every group of an asset.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Dag {
-    pub clusters: Vec<Cluster>,
+    pub store: Store,
+    pub clusters: Vec<ClusterInfo>,
     pub groups: Vec<Group>,
     /// Groups whose replacement moved open edges of the source.
     pub groups_with_moved_open_edges: usize,
@@ -59,183 +46,261 @@ pub(super) struct Dag {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Effort {
     Usual,
-    /// Other, larger groups: what is stuck at one border may be free inside another.
+    /// Other, larger groups: what is stuck at one border may be free inside another. Near parts may merge.
     LargeGroups,
-    /// Open edges may move: a mesh of thousands of loose sheets has no other coarser form.
-    ReleaseOpenEdges,
 }
 
-impl Effort {
-    fn next(self) -> Option<Self> {
-        match self {
-            Self::Usual => Some(Self::LargeGroups),
-            Self::LargeGroups => Some(Self::ReleaseOpenEdges),
-            Self::ReleaseOpenEdges => None,
+/// What stays the same over all rounds.
+#[derive(Clone, Copy)]
+pub(super) struct Plan<'a> {
+    pub grids: &'a Grids,
+    pub placement: Placement,
+    /// Called with the source triangles' worth of work that is done.
+    pub on_triangles: &'a (dyn Fn(u64) + Sync),
+}
+
+impl Dag {
+    /// No cluster yet.
+    pub fn new(store: Store) -> Self {
+        Self {
+            store,
+            clusters: Vec::new(),
+            groups: Vec::new(),
+            groups_with_moved_open_edges: 0,
         }
     }
-}
 
-/// Builds the DAG of a mesh. The same mesh gives the same DAG, whatever the thread count.
-pub(super) fn build(mesh: &QuantizedMesh) -> Dag {
-    let mut dag = Dag::default();
-    let seams = Seams::of(mesh);
-    let mut open = OpenEdges::of(mesh, mesh.triangles.iter());
-    let mut pool = dag.add_leaves(mesh);
-    let mut effort = Effort::Usual;
-    let mut round = 0;
-    while pool.len() > 1 {
-        let target = if effort == Effort::Usual {
-            USUAL_GROUP_CLUSTERS
-        } else {
-            LARGE_GROUP_CLUSTERS
-        };
-        let groups = partition(mesh, &dag.clusters, &pool, target);
-        let shared = shared_places(mesh, &dag.clusters, &groups);
-        let release_open_edges = effort == Effort::ReleaseOpenEdges;
-        if release_open_edges {
-            open = OpenEdges::of(mesh, dag.triangles_of(&pool));
+    /// Appends clusters; gives the number of the first.
+    pub fn add(&mut self, made: Clusters, child_group: u32) -> Result<u32, BuildError> {
+        let first = self.clusters.len() as u32;
+        let blob = self.store.put(made.words)?;
+        self.clusters
+            .extend(made.infos.into_iter().map(|info| ClusterInfo {
+                blob,
+                child_group,
+                ..info
+            }));
+        Ok(first)
+    }
+
+    /// Adds levels over the leaves until one cluster is left or nothing gets further. The same leaves give the same DAG,
+    /// whatever the thread count.
+    pub fn grow(&mut self, plan: Plan) -> Result<(), BuildError> {
+        let mut pool: Vec<u32> = (0..self.clusters.len() as u32).collect();
+        let mut effort = Effort::Usual;
+        let mut round = 0;
+        while pool.len() > 1 {
+            let before = self.triangles_of(&pool);
+            pool = self.round(plan, &pool, round, effort)?;
+            round += 1;
+            if self.triangles_of(&pool) as f64 > before as f64 * NO_HEADWAY {
+                if effort == Effort::LargeGroups {
+                    break;
+                }
+                effort = Effort::LargeGroups;
+            }
         }
-        let locks = Locks {
-            shared: &shared,
-            open: &open,
-            release_open_edges,
-            seams: &seams,
-        };
-        let replacements: Vec<_> = groups
-            .par_iter()
-            .map(|members| dag.replacement(mesh, members, locks))
+        self.add_roots(plan, &pool, round)
+    }
+
+    fn triangles_of(&self, pool: &[u32]) -> u64 {
+        let count = |&cluster: &u32| self.clusters[cluster as usize].triangle_count as u64;
+        pool.iter().map(count).sum()
+    }
+
+    /// Groups the clusters of `pool` and replaces what can be replaced; gives the clusters of the next round.
+    fn round(
+        &mut self,
+        plan: Plan,
+        pool: &[u32],
+        round: u32,
+        effort: Effort,
+    ) -> Result<Vec<u32>, BuildError> {
+        let chunks = chunks(&self.clusters, pool, round);
+        let bounds: Vec<ChunkBounds> = chunks
+            .iter()
+            .map(|chunk| partition::bounds(&self.clusters, chunk))
             .collect();
-        let before = dag.triangles_of(&pool).count();
-        pool = dag.advance(groups, replacements, round);
-        let after = dag.triangles_of(&pool).count();
-        round += 1;
-        if after as f64 > before as f64 * NO_HEADWAY {
-            match effort.next() {
-                Some(next) if pool.len() > FEW_ROOT_CLUSTERS => effort = next,
-                _ => break,
+        let mut next = Vec::new();
+        let numbered: Vec<usize> = (0..chunks.len()).collect();
+        // A few at a time: what is in memory does not grow with the mesh.
+        for window in numbered.chunks(2 * rayon::current_num_threads()) {
+            let replaced: Vec<_> = window
+                .par_iter()
+                .map(|&number| {
+                    let others: Vec<ChunkBounds> = (0..bounds.len())
+                        .filter(|&other| other != number && bounds[other].meets(&bounds[number]))
+                        .map(|other| bounds[other])
+                        .collect();
+                    self.chunk(plan, &chunks[number], &others, effort)
+                })
+                .collect::<Result<_, _>>()?;
+            for (members, replacement) in replaced.into_iter().flatten() {
+                self.advance(members, replacement, round, &mut next)?;
+            }
+        }
+        Ok(next)
+    }
+
+    /// Groups of a chunk with their replacements, where they have one.
+    fn chunk(
+        &self,
+        plan: Plan,
+        chunk: &[u32],
+        others: &[ChunkBounds],
+        effort: Effort,
+    ) -> Result<Vec<(Vec<u32>, Option<Replacement>)>, BuildError> {
+        let parts = self.parts(chunk)?;
+        let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
+        let borders = Borders::new(&views);
+        let target = match effort {
+            Effort::Usual => USUAL_GROUP_CLUSTERS,
+            Effort::LargeGroups => LARGE_GROUP_CLUSTERS,
+        };
+        let groups = partition::partition(&views, &borders, target);
+        let rules = borders.rules(&groups, others);
+        let done = groups
+            .into_par_iter()
+            .map_init(Workspace::default, |workspace, group| {
+                let members: Vec<u32> = group.iter().map(|&local| chunk[local as usize]).collect();
+                let rules: Vec<Vec<u8>> = group
+                    .iter()
+                    .map(|&local| borders.rules_of(local as usize, &views[local as usize], &rules))
+                    .collect();
+                let views = group
+                    .iter()
+                    .zip(&rules)
+                    .map(|(&local, rules)| (views[local as usize], &rules[..]));
+                let replacement = self.replacement(plan, &members, views, effort, workspace);
+                (members, replacement)
+            });
+        Ok(done.collect())
+    }
+
+    fn replacement<'a>(
+        &self,
+        plan: Plan,
+        members: &[u32],
+        views: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
+        effort: Effort,
+        workspace: &mut Workspace,
+    ) -> Option<Replacement> {
+        let level = self.level(members);
+        if level as usize + 1 >= MAX_LEVELS {
+            return None;
+        }
+        let job = Job {
+            grids: plan.grids,
+            placement: plan.placement,
+            level: level + 1,
+            merge: effort == Effort::LargeGroups,
+        };
+        let simplified = workspace.simplify(&job, views)?;
+        let births: Vec<Birth> = members
+            .iter()
+            .map(|&member| self.birth(plan, member))
+            .collect();
+        let lod_sphere = bounds::lod_sphere(&births);
+        let lod_sphere = bounds::grown(lod_sphere, plan.grids, &simplified.clusters);
+        let error_metres = bounds::parent_error(&births, &simplified, &lod_sphere);
+        (plan.on_triangles)(self.triangles_of(members));
+        Some(Replacement {
+            simplified,
+            birth: Birth {
+                error_metres,
+                lod_sphere,
+            },
+        })
+    }
+
+    /// Words of some clusters.
+    pub fn parts(&self, clusters: &[u32]) -> Result<Vec<Part>, BuildError> {
+        let part = |&cluster: &u32| {
+            let info = &self.clusters[cluster as usize];
+            let (first, words) = (info.first_word as usize, info.words as usize);
+            self.store.part(info.blob, first, words)
+        };
+        clusters.iter().map(part).collect()
+    }
+
+    /// What a cluster was born with.
+    fn birth(&self, plan: Plan, cluster: u32) -> Birth {
+        let info = &self.clusters[cluster as usize];
+        match info.child_group {
+            NO_GROUP => Birth {
+                error_metres: 0.0,
+                lod_sphere: bounds::around(plan.grids, info),
+            },
+            child => {
+                let group = &self.groups[child as usize];
+                Birth {
+                    error_metres: group.parent_error_metres,
+                    lod_sphere: group.lod_sphere,
+                }
             }
         }
     }
-    dag.add_roots(mesh, &pool, round);
-    dag
+
+    fn level(&self, members: &[u32]) -> u8 {
+        let levels = members
+            .iter()
+            .map(|&member| self.clusters[member as usize].level);
+        levels.max().unwrap_or(0)
+    }
+
+    /// Makes a group of those with a replacement; the others wait for the next round.
+    fn advance(
+        &mut self,
+        members: Vec<u32>,
+        replacement: Option<Replacement>,
+        round: u32,
+        next: &mut Vec<u32>,
+    ) -> Result<(), BuildError> {
+        let Some(Replacement { simplified, birth }) = replacement else {
+            next.extend(members);
+            return Ok(());
+        };
+        self.groups_with_moved_open_edges += usize::from(simplified.open_edges_moved);
+        let child_group = self.groups.len() as u32;
+        self.groups.push(Group {
+            level: self.level(&members),
+            members,
+            round,
+            lod_sphere: birth.lod_sphere,
+            parent_error_metres: birth.error_metres,
+        });
+        let first = self.add(simplified.clusters, child_group)?;
+        next.extend(first..self.clusters.len() as u32);
+        Ok(())
+    }
+
+    /// Makes groups of what is left.
+    fn add_roots(&mut self, plan: Plan, pool: &[u32], round: u32) -> Result<(), BuildError> {
+        for chunk in chunks(&self.clusters, pool, round) {
+            let parts: Vec<Part> = self.parts(&chunk)?;
+            let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
+            let groups = partition::partition(&views, &Borders::new(&views), LARGE_GROUP_CLUSTERS);
+            for group in groups {
+                let members: Vec<u32> = group.iter().map(|&local| chunk[local as usize]).collect();
+                let births: Vec<Birth> = members
+                    .iter()
+                    .map(|&member| self.birth(plan, member))
+                    .collect();
+                self.groups.push(Group {
+                    level: self.level(&members),
+                    members,
+                    round,
+                    lod_sphere: bounds::lod_sphere(&births),
+                    parent_error_metres: ROOT_ERROR,
+                });
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Clusters that replace a group.
 struct Replacement {
     simplified: Simplified,
-    clusters: Vec<Vec<Triangle>>,
-}
-
-impl Dag {
-    fn add_leaves(&mut self, mesh: &QuantizedMesh) -> Vec<u32> {
-        self.clusters = clusterize::leaves(mesh)
-            .into_par_iter()
-            .map(|triangles| Cluster {
-                lod_sphere: bounds::around(mesh, &triangles),
-                triangles,
-                child_group: NO_GROUP,
-                level: 0,
-                error_metres: 0.0,
-            })
-            .collect();
-        (0..self.clusters.len() as u32).collect()
-    }
-
-    /// Triangles of the clusters of `pool`, which cover the surface.
-    fn triangles_of<'a>(&'a self, pool: &'a [u32]) -> impl Iterator<Item = &'a Triangle> {
-        self.members(pool).flat_map(|cluster| &cluster.triangles)
-    }
-
-    fn members<'a>(&'a self, members: &'a [u32]) -> impl Iterator<Item = &'a Cluster> {
-        members
-            .iter()
-            .map(|&cluster| &self.clusters[cluster as usize])
-    }
-
-    fn replacement(
-        &self,
-        mesh: &QuantizedMesh,
-        members: &[u32],
-        locks: Locks,
-    ) -> Option<Replacement> {
-        let level = self.members(members).map(|cluster| cluster.level).max()?;
-        if level as usize + 1 >= MAX_LEVELS {
-            return None;
-        }
-        let triangles: Vec<Triangle> = self.triangles_of(members).copied().collect();
-        let floor = bounds::largest_error(self.members(members)) as f64;
-        let simplified = simplify(mesh, &triangles, locks, floor)?;
-        let clusters = clusterize(mesh, &simplified.triangles);
-        Some(Replacement {
-            simplified,
-            clusters,
-        })
-    }
-
-    /// Makes groups of those that have a replacement; gives the replacements and the clusters that wait for the next round.
-    fn advance(
-        &mut self,
-        groups: Vec<Vec<u32>>,
-        replacements: Vec<Option<Replacement>>,
-        round: u32,
-    ) -> Vec<u32> {
-        let mut pool = Vec::new();
-        for (members, replacement) in groups.into_iter().zip(replacements) {
-            let Some(Replacement {
-                simplified,
-                clusters,
-            }) = replacement
-            else {
-                pool.extend(members);
-                continue;
-            };
-            self.groups_with_moved_open_edges += usize::from(simplified.open_edges_moved);
-            let members_error = bounds::largest_error(self.members(&members));
-            let lod_sphere = bounds::lod_sphere(self.members(&members));
-            let error_metres = bounds::parent_error(members_error, &simplified, &lod_sphere);
-            let child_group = self.groups.len() as u32;
-            let level = self.add_group(members, round, lod_sphere, error_metres) + 1;
-            for triangles in clusters {
-                pool.push(self.clusters.len() as u32);
-                self.clusters.push(Cluster {
-                    triangles,
-                    child_group,
-                    level,
-                    error_metres,
-                    lod_sphere,
-                });
-            }
-        }
-        pool
-    }
-
-    /// Gives the group's level.
-    fn add_group(
-        &mut self,
-        members: Vec<u32>,
-        round: u32,
-        lod_sphere: Sphere,
-        parent_error_metres: f32,
-    ) -> u8 {
-        let level = self
-            .members(&members)
-            .map(|cluster| cluster.level)
-            .max()
-            .unwrap_or(0);
-        self.groups.push(Group {
-            members,
-            level,
-            round,
-            lod_sphere,
-            parent_error_metres,
-        });
-        level
-    }
-
-    fn add_roots(&mut self, mesh: &QuantizedMesh, pool: &[u32], round: u32) {
-        for members in partition(mesh, &self.clusters, pool, LARGE_GROUP_CLUSTERS) {
-            let lod_sphere = bounds::lod_sphere(self.members(&members));
-            self.add_group(members, round, lod_sphere, ROOT_ERROR);
-        }
-    }
+    birth: Birth,
 }

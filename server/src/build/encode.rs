@@ -1,13 +1,21 @@
 //! Pages to bytes: disk form, frame, pack, and the asset that names them.
 
+use std::path::Path;
+
 use lodestream_format::asset::PageEntry;
 use lodestream_format::frame::{self, Codec};
-use lodestream_format::{Aabb, Asset, ContentHash, FormatError, Hierarchy, disk_form};
+use lodestream_format::{Aabb, Asset, ContentHash, Hierarchy, disk_form};
 use rayon::prelude::*;
 
+use super::cluster::ClusterView;
 use super::dag::Dag;
-use super::paginate::Pages;
-use super::quantize::QuantizedMesh;
+use super::error::BuildError;
+use super::pack::{Pack, PackWriter};
+use super::paginate::{Pages, to_format};
+use super::vertex::Grids;
+
+/// Pages encoded at a time: what is in memory does not grow with the mesh.
+const WINDOW: usize = 64;
 
 /// The objects of an asset.
 #[derive(Debug)]
@@ -15,68 +23,72 @@ pub(super) struct Encoded {
     pub asset: Asset,
     pub asset_bytes: Vec<u8>,
     pub hierarchy_bytes: Vec<u8>,
-    pub pack: Vec<u8>,
+    pub pack: Pack,
     /// Bytes of all disk forms before compression.
     pub disk_form_bytes: u64,
 }
 
-/// Encodes pages and hierarchy. Fails only where what was built breaks the format.
+/// What the asset says that its pages do not.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Facts {
+    pub material_slots: u32,
+    /// Triangles of level 0.
+    pub source_triangles: u64,
+}
+
+/// Encodes pages and hierarchy; the pack lies in `scratch` where a folder is given. Fails only where what was built breaks
+/// the format, or the disk is full.
 pub(super) fn encode(
-    mesh: &QuantizedMesh,
+    grids: &Grids,
+    facts: Facts,
     dag: &Dag,
     pages: &Pages,
     hierarchy: &Hierarchy,
     codec: Codec,
-) -> Result<Encoded, FormatError> {
-    let frames: Vec<(Vec<u8>, u32, usize)> = pages
-        .pages
-        .par_iter()
-        .zip(0..pages.pages.len() as u32)
-        .map(|(range, page)| {
-            let words = disk_form::encode(&pages.clusters[range.clone()], mesh.attributes, page)?;
-            let memory_words = words[disk_form::header_word::MEMORY_WORDS];
-            Ok((frame::encode(&words, codec)?, memory_words, 4 * words.len()))
-        })
-        .collect::<Result<_, FormatError>>()?;
-    let mut pack = Vec::with_capacity(frames.iter().map(|(frame, ..)| frame.len()).sum());
-    let mut entries = Vec::with_capacity(frames.len());
+    scratch: Option<&Path>,
+) -> Result<Encoded, BuildError> {
+    let mut pack = PackWriter::new(scratch)?;
+    let mut entries = Vec::with_capacity(pages.pages.len());
     let mut disk_form_bytes = 0;
-    for ((frame, memory_words, bytes), dependencies) in frames.iter().zip(&pages.dependencies) {
-        entries.push(PageEntry {
-            offset: pack.len() as u64,
-            bytes: frame.len() as u32,
-            memory_words: *memory_words,
-            hash: ContentHash::of(frame),
-            dependencies: dependencies.clone(),
-        });
-        pack.extend_from_slice(frame);
-        disk_form_bytes += *bytes as u64;
+    let numbered: Vec<usize> = (0..pages.pages.len()).collect();
+    for window in numbered.chunks(WINDOW) {
+        let frames: Vec<(Vec<u8>, u32, usize)> = window
+            .par_iter()
+            .map(|&page| {
+                let words = page_words(grids, dag, pages, page)?;
+                let memory_words = words[disk_form::header_word::MEMORY_WORDS];
+                Ok((frame::encode(&words, codec)?, memory_words, 4 * words.len()))
+            })
+            .collect::<Result<_, BuildError>>()?;
+        for (&page, (frame, memory_words, bytes)) in window.iter().zip(frames) {
+            entries.push(PageEntry {
+                offset: pack.bytes(),
+                bytes: frame.len() as u32,
+                memory_words,
+                hash: ContentHash::of(&frame),
+                dependencies: pages.dependencies[page].clone(),
+            });
+            pack.append(&frame)?;
+            disk_form_bytes += bytes as u64;
+        }
     }
+    let (pack, pack_hash) = pack.finish()?;
     let hierarchy_bytes = hierarchy.encode();
-    let dag_triangles = dag
-        .clusters
-        .iter()
-        .map(|cluster| cluster.triangles.len() as u64)
-        .sum();
+    let infos = dag.clusters.iter();
     let asset = Asset {
-        attributes: mesh.attributes,
-        position_grid: mesh.position_grid,
-        uv_grid: mesh.uv_grid,
-        center_q: mesh.center_q,
-        aabb: pages.clusters.iter().fold(Aabb::EMPTY, |sum, cluster| {
-            sum.merge(&cluster.aabb(mesh.position_grid))
-        }),
-        material_slots: mesh.material_slots,
-        source_triangles: mesh.triangles.len() as u64,
-        dag_triangles,
+        attributes: grids.attributes,
+        position_grid: grids.position,
+        uv_grid: grids.uv,
+        center_q: grids.center_q,
+        aabb: infos
+            .clone()
+            .fold(Aabb::EMPTY, |sum, info| sum.merge(&info.aabb(grids))),
+        material_slots: facts.material_slots,
+        source_triangles: facts.source_triangles,
+        dag_triangles: infos.clone().map(|info| info.triangle_count as u64).sum(),
         clusters: dag.clusters.len() as u64,
-        levels: dag
-            .clusters
-            .iter()
-            .map(|cluster| cluster.level as u32 + 1)
-            .max()
-            .unwrap_or(1),
-        pack: ContentHash::of(&pack),
+        levels: infos.map(|info| info.level as u32 + 1).max().unwrap_or(1),
+        pack: pack_hash,
         hierarchy: ContentHash::of(&hierarchy_bytes),
         root_page_count: pages.root_page_count,
         pages: entries,
@@ -88,4 +100,35 @@ pub(super) fn encode(
         pack,
         disk_form_bytes,
     })
+}
+
+/// Disk form of a page.
+fn page_words(
+    grids: &Grids,
+    dag: &Dag,
+    pages: &Pages,
+    page: usize,
+) -> Result<Vec<u32>, BuildError> {
+    let range = pages.pages[page].clone();
+    let numbers = &pages.clusters[range.clone()];
+    let parts = dag.parts(numbers)?;
+    let mut group = pages
+        .groups
+        .partition_point(|placed| placed.clusters.end <= range.start);
+    let mut clusters = Vec::with_capacity(numbers.len());
+    for ((&number, part), at) in numbers.iter().zip(&parts).zip(range) {
+        while pages.groups[group].clusters.end <= at {
+            group += 1;
+        }
+        let info = &dag.clusters[number as usize];
+        let mut cluster = to_format(grids, &ClusterView::new(part));
+        cluster.level = info.level;
+        cluster.group = group as u32;
+        cluster.child_group = match pages.number.get(info.child_group as usize) {
+            Some(&child) => child,
+            None => info.child_group,
+        };
+        clusters.push(cluster);
+    }
+    Ok(disk_form::encode(&clusters, grids.attributes, page as u32)?)
 }

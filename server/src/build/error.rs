@@ -40,6 +40,17 @@ pub enum BuildError {
         /// Longest side of the bounding box, metres.
         extent_metres: f64,
     },
+    /// The source could not be read again.
+    #[error("{0}")]
+    Source(String),
+    /// The scratch file failed.
+    #[error("scratch file in {}: {cause}", path.display())]
+    Scratch {
+        /// The folder.
+        path: std::path::PathBuf,
+        /// The operating system's reason.
+        cause: String,
+    },
     /// What was built breaks the format: a fault of the builder, found by the format's own checks.
     #[error("built asset: {0}")]
     Format(#[from] FormatError),

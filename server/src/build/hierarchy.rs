@@ -6,18 +6,19 @@ use lodestream_format::{Aabb, Sphere};
 
 use super::dag::Dag;
 use super::paginate::Pages;
-use super::quantize::QuantizedMesh;
+use super::vertex::Grids;
 
 /// Builds the hierarchy of laid-out groups. Neighbours in page order are neighbours in space, so eight in a row make a node.
-pub(super) fn hierarchy(mesh: &QuantizedMesh, dag: &Dag, pages: &Pages) -> Hierarchy {
+pub(super) fn hierarchy(grids: &Grids, dag: &Dag, pages: &Pages) -> Hierarchy {
     let mut hierarchy = Hierarchy::default();
     let mut leaves: Vec<(u32, Child)> = Vec::with_capacity(pages.groups.len());
     for (index, placed) in pages.groups.iter().enumerate() {
         let group = &dag.groups[placed.group as usize];
-        let clusters = &pages.clusters[placed.clusters.clone()];
-        let aabb = clusters.iter().fold(Aabb::EMPTY, |sum, cluster| {
-            sum.merge(&cluster.aabb(mesh.position_grid))
-        });
+        let members = || {
+            let members = pages.clusters[placed.clusters.clone()].iter();
+            members.map(|&cluster| &dag.clusters[cluster as usize])
+        };
+        let aabb = members().fold(Aabb::EMPTY, |sum, info| sum.merge(&info.aabb(grids)));
         hierarchy.groups.push(Group {
             lod_center: group.lod_sphere.center,
             lod_radius: group.lod_sphere.radius,
@@ -26,11 +27,8 @@ pub(super) fn hierarchy(mesh: &QuantizedMesh, dag: &Dag, pages: &Pages) -> Hiera
             part_count: placed.parts.len() as u32,
             first_page: placed.first_page,
             level: group.level as u32,
-            cluster_count: clusters.len() as u32,
-            triangle_count: clusters
-                .iter()
-                .map(|cluster| cluster.triangles.len() as u32)
-                .sum(),
+            cluster_count: placed.clusters.len() as u32,
+            triangle_count: members().map(|info| info.triangle_count as u32).sum(),
             spare: 0,
         });
         hierarchy.parts.extend(&placed.parts);

@@ -1,59 +1,75 @@
 //! Build: a mesh becomes an asset.
 //!
 //! ```text
-//! mesh -> quantize -> clusterize -> [ partition -> simplify -> clusterize ]* -> paginate -> hierarchy -> encode
-//!                                   '------------- dag, bounds ----------'
+//! source -> survey -> scatter -> leaves (clusterize) -> [ partition -> simplify -> clusterize ]* -> paginate -> hierarchy -> encode
+//!                                                       '-------------- dag, borders, bounds -'
 //! ```
 //!
-//! Simplifying a group leaves the places that it shares with other groups alone and keeps its boundary chain
-//! (`boundary`), so every cut is closed where the source is. The stored error bounds the distance to the source
-//! (`measure`, `bounds`). Groups run in parallel and are merged in order: the same mesh and options give the same
-//! bytes, whatever the thread count.
+//! Every stage takes pieces that fit memory, whatever the mesh: source pieces become blocks in buckets, buckets become
+//! clusters, and each level's clusters are taken chunk by chunk. Between the stages they wait in a `store`, in memory or on
+//! disk. Simplifying a group leaves alone what it shares with other groups (`borders`), so every cut is closed where the
+//! source is. The stored error bounds the distance to the source (`simplify/witness`, `bounds`). Work runs in parallel and is
+//! merged in order: the same mesh and options give the same bytes, whatever the thread count and wherever it waits.
 
-mod boundary;
+mod borders;
 mod bounds;
+mod cluster;
 mod clusterize;
 mod dag;
 mod encode;
 mod error;
 mod hierarchy;
-mod local;
+mod leaves;
 mod measure;
-mod merge;
 mod meshopt_seam;
+mod pack;
 mod paginate;
 mod partition;
-mod quantize;
 mod report;
-mod seams;
+mod scatter;
 mod simplify;
+mod split;
 mod steps;
+mod store;
+mod survey;
 mod triangle_tree;
+mod vertex;
 
+use std::path::PathBuf;
 use std::time::Instant;
 
 use lodestream_format::disk_form::DiskForm;
 use lodestream_format::frame::{self, Codec};
 use lodestream_format::{Asset, FormatError};
 
-use crate::import::Mesh;
+use crate::import::MeshSource;
+use dag::{Dag, Plan};
+use store::Store;
+use survey::Survey;
+use vertex::Grids;
 
 pub use error::BuildError;
+pub use pack::Pack;
 pub use report::{BuildBytes, BuildReport, BuildSeconds, LevelRow};
+pub use simplify::Placement;
 pub use steps::PositionStep;
 pub use triangle_tree::{Point, TriangleTree};
 
 /// What a caller chooses.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct BuildOptions {
     /// Step of the position grid.
     pub position_step: PositionStep,
+    /// Where vertices of coarser levels may lie.
+    pub placement: Placement,
     /// Compression of the pages.
     pub codec: Codec,
+    /// Folder for what does not fit memory; all is kept in memory without one. The bytes of the asset are the same.
+    pub scratch: Option<PathBuf>,
 }
 
 /// An asset with the bytes of its objects.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub struct BuiltAsset {
     /// The asset itself.
     pub asset: Asset,
@@ -62,26 +78,81 @@ pub struct BuiltAsset {
     /// The hierarchy's object.
     pub hierarchy_bytes: Vec<u8>,
     /// The frames of all pages.
-    pub pack: Vec<u8>,
+    pub pack: Pack,
     /// What the build did.
     pub report: BuildReport,
 }
 
-/// Builds the asset of `mesh` on rayon's threads.
+/// Builds the asset of a mesh on rayon's threads. The source is let go as soon as it has been read.
 ///
 /// # Errors
-/// A mesh without triangles, one that breaks the promises of [`Mesh`], one wider than 2^123 metres, or a step that is no
-/// length. Triangles that collapse on the grid are dropped with a warning, all but the first if all do.
-pub fn build(mesh: &Mesh, options: &BuildOptions) -> Result<BuiltAsset, BuildError> {
+/// A mesh without triangles, one that breaks the promises of [`crate::import::Mesh`], one wider than 2^123 metres, a step
+/// that is no length, a source that cannot be read, a scratch folder that is full. Triangles that collapse on the grid are
+/// dropped with a warning, all but the first if all do.
+pub fn build(source: impl MeshSource, options: &BuildOptions) -> Result<BuiltAsset, BuildError> {
+    build_observed(source, options, &|_| ())
+}
+
+/// The same; `on_triangles` is told how many triangles each finished group held. They add up to about twice those of the
+/// mesh.
+///
+/// # Errors
+/// Those of [`build`].
+pub fn build_observed(
+    source: impl MeshSource,
+    options: &BuildOptions,
+    on_triangles: &(dyn Fn(u64) + Sync),
+) -> Result<BuiltAsset, BuildError> {
     let start = Instant::now();
-    let quantized = quantize::quantize(mesh, options.position_step)?;
-    let dag = dag::build(&quantized);
-    let pages = paginate::paginate(&quantized, &dag);
-    let hierarchy = hierarchy::hierarchy(&quantized, &dag, &pages);
+    let scratch = options.scratch.as_deref();
+    let name = source.name().to_owned();
+    let material_slots = source.material_slot_count().max(1) as u32;
+    let survey = survey::survey(&source)?;
+    let mut warnings = Vec::new();
+    let grids = grids(&name, &survey, options.position_step, &mut warnings)?;
+
+    let mut blocks = Store::new(scratch)?;
+    let buckets = scatter::scatter(&source, &survey, &grids, &mut blocks)?;
+    drop(source);
+    let mut dag = Dag::new(Store::new(scratch)?);
+    let collapsed = leaves::leaves(&buckets, &mut blocks, |clusters| {
+        dag.add(clusters, lodestream_format::cluster::NO_GROUP)
+            .map(|_| ())
+    })?;
+    drop(blocks);
+    let source_triangles = dag
+        .clusters
+        .iter()
+        .map(|info| info.triangle_count as u64)
+        .sum();
+    if collapsed > 0 {
+        warnings.push(collapse_warning(&name, &survey, collapsed, &grids));
+    }
+    let plan = Plan {
+        grids: &grids,
+        placement: options.placement,
+        on_triangles,
+    };
+    dag.grow(plan)?;
     let build = start.elapsed();
-    let encoded = encode::encode(&quantized, &dag, &pages, &hierarchy, options.codec)?;
+
+    let pages = paginate::paginate(&grids, &dag)?;
+    let hierarchy = hierarchy::hierarchy(&grids, &dag, &pages);
+    let facts = encode::Facts {
+        material_slots,
+        source_triangles,
+    };
+    let encoded = encode::encode(
+        &grids,
+        facts,
+        &dag,
+        &pages,
+        &hierarchy,
+        options.codec,
+        scratch,
+    )?;
     let encode = start.elapsed() - build;
-    let report = report::report(&quantized, &dag, &pages, &encoded, build, encode);
+    let report = report::report(warnings, &dag, &pages, &encoded, build, encode);
     Ok(BuiltAsset {
         asset: encoded.asset,
         asset_bytes: encoded.asset_bytes,
@@ -91,25 +162,52 @@ pub fn build(mesh: &Mesh, options: &BuildOptions) -> Result<BuiltAsset, BuildErr
     })
 }
 
+fn collapse_warning(name: &str, survey: &Survey, collapsed: u64, grids: &Grids) -> String {
+    let step = grids.step_metres();
+    if collapsed >= survey.triangles {
+        return format!("mesh {name:?}: every triangle collapsed; the first stays, without area");
+    }
+    format!(
+        "mesh {name:?}: {collapsed} triangles without area on the position grid of {step:e} metres were dropped"
+    )
+}
+
+/// Grids of a mesh; positions count from the middle of its bounds.
+fn grids(
+    name: &str,
+    survey: &Survey,
+    step: PositionStep,
+    warnings: &mut Vec<String>,
+) -> Result<Grids, BuildError> {
+    let position = steps::position_grid(name, survey, step, warnings)?;
+    let uv = steps::uv_grid(survey);
+    Ok(Grids {
+        attributes: survey.attributes,
+        position,
+        uv,
+        center_q: std::array::from_fn(|axis| {
+            let (low, high) = (survey.low[axis], survey.high[axis]);
+            let (low, high) = (position.quantize(low), position.quantize(high));
+            low + (high - low) / 2
+        }),
+        uv_base: survey.uv_low.map(|low| uv.quantize(low.min(f64::MAX))),
+    })
+}
+
 /// Reads every page back, with all checks of the reader; for tests and tools.
 ///
 /// # Errors
 /// What the readers of the frame and the disk form say; none for an asset that [`build`] gave.
 pub fn decode_pages(built: &BuiltAsset) -> Result<Vec<DiskForm>, FormatError> {
     let frame_of = |page: &lodestream_format::asset::PageEntry| {
-        let range = page.offset as usize..page.offset as usize + page.bytes as usize;
-        built.pack.get(range).ok_or_else(|| {
-            FormatError::new(
-                "page frame",
-                format!("inside {} bytes", built.pack.len()),
-                page.offset,
-            )
-        })
+        let range = page.offset..page.offset + page.bytes as u64;
+        let unreadable = |cause| FormatError::new("page frame", "inside the pack", cause);
+        built.pack.read(range).map_err(unreadable)
     };
     built
         .asset
         .pages
         .iter()
-        .map(|page| DiskForm::parse(frame::decode(frame_of(page)?)?))
+        .map(|page| DiskForm::parse(frame::decode(&frame_of(page)?)?))
         .collect()
 }

@@ -12,8 +12,10 @@ use lodestream_format::limits::{
 use lodestream_format::memory_form::{ClusterHeader, PAGE_HEADER_WORDS, cluster_words};
 use rayon::prelude::*;
 
-use super::dag::{self, Dag};
-use super::quantize::QuantizedMesh;
+use super::cluster::ClusterView;
+use super::dag::Dag;
+use super::error::BuildError;
+use super::vertex::Grids;
 
 /// A group where it lies.
 #[derive(Debug)]
@@ -33,49 +35,46 @@ impl PlacedGroup {
     }
 }
 
-/// Every cluster in its page.
+/// Every cluster's page.
 #[derive(Debug)]
 pub(super) struct Pages {
-    /// Clusters of all pages, in order, as the format stores them.
-    pub clusters: Vec<Cluster>,
-    /// Each page's clusters.
+    /// Clusters of all pages, in order, as numbers in the DAG.
+    pub clusters: Vec<u32>,
+    /// Each page's clusters, as a range of `clusters`.
     pub pages: Vec<Range<usize>>,
     /// Each page's dependencies, ascending.
     pub dependencies: Vec<Vec<u32>>,
     /// Groups in page order; what a cluster names is an index into this.
     pub groups: Vec<PlacedGroup>,
     pub root_page_count: u32,
+    /// Place in `groups` of every group of the DAG.
+    pub number: Vec<u32>,
 }
 
+/// Clusters converted at a time.
+const WINDOW: usize = 4096;
+
 /// Lays out a DAG.
-pub(super) fn paginate(mesh: &QuantizedMesh, dag: &Dag) -> Pages {
+pub(super) fn paginate(grids: &Grids, dag: &Dag) -> Result<Pages, BuildError> {
     let order = order(dag);
     let mut number = vec![NO_GROUP; dag.groups.len()];
     for (new, &old) in order.iter().enumerate() {
         number[old as usize] = new as u32;
     }
-    let clusters: Vec<Cluster> = order
-        .par_iter()
-        .flat_map_iter(|&old| {
-            let group = number[old as usize];
-            let number = &number;
-            dag.groups[old as usize]
-                .members
-                .iter()
-                .map(move |&cluster| {
-                    let cluster = &dag.clusters[cluster as usize];
-                    let child_group = match cluster.child_group {
-                        NO_GROUP => NO_GROUP,
-                        child => number[child as usize],
-                    };
-                    to_format(mesh, cluster, group, child_group)
-                })
-        })
-        .collect();
-    let sizes: Vec<ClusterSize> = clusters
-        .par_iter()
-        .map(|cluster| ClusterSize::of(cluster, mesh.attributes))
-        .collect();
+    let members = |&old: &u32| dag.groups[old as usize].members.iter().copied();
+    let clusters: Vec<u32> = order.iter().flat_map(members).collect();
+    let mut sizes: Vec<ClusterSize> = Vec::with_capacity(clusters.len());
+    for window in clusters.chunks(WINDOW) {
+        let of_window: Vec<ClusterSize> = window
+            .par_iter()
+            .map(|&cluster| {
+                let part = dag.parts(&[cluster])?;
+                let cluster = to_format(grids, &ClusterView::new(&part[0]));
+                Ok(ClusterSize::of(&cluster, grids.attributes))
+            })
+            .collect::<Result<_, BuildError>>()?;
+        sizes.extend(of_window);
+    }
 
     let mut first = 0;
     let groups = order
@@ -91,10 +90,11 @@ pub(super) fn paginate(mesh: &QuantizedMesh, dag: &Dag) -> Pages {
         .iter()
         .filter(|group| group.parent_error_metres >= ROOT_ERROR)
         .count();
-    let mut pages = place(groups, &sizes, roots, mesh.attributes);
-    pages.dependencies = dependencies(&pages, &clusters);
+    let mut pages = place(groups, &sizes, roots, grids.attributes);
+    pages.dependencies = dependencies(dag, &pages, &number);
     pages.clusters = clusters;
-    pages
+    pages.number = number;
+    Ok(pages)
 }
 
 /// Groups, last round first, so that what replaces a group always comes before it; inside a round along a Morton curve.
@@ -261,17 +261,20 @@ fn place(
         dependencies: Vec::new(),
         groups: placed,
         root_page_count,
+        number: Vec::new(),
     }
 }
 
 /// For each page the pages of the groups that hold what its groups became.
-fn dependencies(pages: &Pages, clusters: &[Cluster]) -> Vec<Vec<u32>> {
+fn dependencies(dag: &Dag, pages: &Pages, number: &[u32]) -> Vec<Vec<u32>> {
     let mut parents: Vec<Vec<u32>> = vec![Vec::new(); pages.groups.len()];
-    for cluster in clusters
-        .iter()
-        .filter(|cluster| cluster.child_group != NO_GROUP)
-    {
-        parents[cluster.child_group as usize].push(cluster.group);
+    for (group, placed) in pages.groups.iter().enumerate() {
+        for &member in &dag.groups[placed.group as usize].members {
+            let child = dag.clusters[member as usize].child_group;
+            if child != NO_GROUP {
+                parents[number[child as usize] as usize].push(group as u32);
+            }
+        }
     }
     let mut dependencies = vec![Vec::new(); pages.pages.len()];
     for (group, mut parents) in pages.groups.iter().zip(parents) {
@@ -290,49 +293,30 @@ fn dependencies(pages: &Pages, clusters: &[Cluster]) -> Vec<Vec<u32>> {
     dependencies
 }
 
-/// A cluster as the format stores it: triangles by material, vertices in order of first use and each once.
-fn to_format(
-    mesh: &QuantizedMesh,
-    cluster: &dag::Cluster,
-    group: u32,
-    child_group: u32,
-) -> Cluster {
-    let mut triangles = cluster.triangles.clone();
-    triangles.sort_by_key(|triangle| triangle.material);
-    let mut used: Vec<u32> = Vec::new();
-    let mut local = std::collections::HashMap::new();
-    let mut out = Cluster {
-        level: cluster.level,
-        group,
-        child_group,
+/// A cluster as the format stores it, still without its place in the DAG.
+pub(super) fn to_format(grids: &Grids, view: &ClusterView) -> Cluster {
+    let has = |flag| grids.attributes.has(flag);
+    let vertices = view.vertices.iter();
+    Cluster {
+        positions: vertices.clone().map(|vertex| vertex.position).collect(),
+        normals: match has(Attributes::NORMAL) {
+            true => vertices.clone().map(|vertex| vertex.normal).collect(),
+            false => Vec::new(),
+        },
+        uvs: match has(Attributes::UV) {
+            true => vertices.clone().map(|vertex| vertex.uv).collect(),
+            false => Vec::new(),
+        },
+        colors: match has(Attributes::COLOR) {
+            true => vertices.map(|vertex| vertex.color).collect(),
+            false => Vec::new(),
+        },
+        triangles: view
+            .triangles
+            .iter()
+            .map(|&[a, b, c, _]| [a, b, c])
+            .collect(),
+        materials: view.material_ranges(),
         ..Cluster::default()
-    };
-    for triangle in &triangles {
-        out.triangles.push(triangle.vertices.map(|vertex| {
-            *local.entry(vertex).or_insert_with(|| {
-                used.push(vertex);
-                // At most 256 vertices.
-                (used.len() - 1) as u8
-            })
-        }));
     }
-    for run in triangles.chunk_by(|a, b| a.material == b.material) {
-        out.materials
-            .push(lodestream_format::cluster::MaterialRange {
-                slot: run[0].material,
-                triangle_count: run.len() as u16,
-            });
-    }
-    let vertices = || used.iter().map(|&vertex| &mesh.vertices[vertex as usize]);
-    out.positions = vertices().map(|vertex| vertex.position).collect();
-    if mesh.attributes.has(Attributes::NORMAL) {
-        out.normals = vertices().map(|vertex| vertex.normal).collect();
-    }
-    if mesh.attributes.has(Attributes::UV) {
-        out.uvs = vertices().map(|vertex| vertex.uv).collect();
-    }
-    if mesh.attributes.has(Attributes::COLOR) {
-        out.colors = vertices().map(|vertex| vertex.color).collect();
-    }
-    out
 }

@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::dag::Dag;
 use super::encode::Encoded;
 use super::paginate::Pages;
-use super::quantize::QuantizedMesh;
 
 /// Figures of one asset. Serializes to the report keys of `ingest`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -80,7 +79,7 @@ pub struct BuildSeconds {
 
 /// Sums up a build.
 pub(super) fn report(
-    mesh: &QuantizedMesh,
+    warnings: Vec<String>,
     dag: &Dag,
     pages: &Pages,
     encoded: &Encoded,
@@ -96,20 +95,14 @@ pub(super) fn report(
         .collect();
     for cluster in &dag.clusters {
         let row = &mut levels_table[cluster.level as usize];
-        row.triangles += cluster.triangles.len() as u64;
+        row.triangles += cluster.triangle_count as u64;
         row.clusters += 1;
-        row.error_max = row.error_max.max(cluster.error_metres as f64);
+        if let Some(group) = dag.groups.get(cluster.child_group as usize) {
+            row.error_max = row.error_max.max(group.parent_error_metres as f64);
+        }
     }
     for group in &dag.groups {
         levels_table[group.level as usize].groups += 1;
-    }
-    let mut warnings = mesh.warnings.clone();
-    if dag.groups_with_moved_open_edges > 0 {
-        warnings.push(format!(
-            "{} of {} groups simplify only by moving open edges of the surface",
-            dag.groups_with_moved_open_edges,
-            dag.groups.len()
-        ));
     }
     let roots = &asset.pages[..asset.root_page_count as usize];
     BuildReport {
@@ -127,7 +120,7 @@ pub(super) fn report(
                 .map(|page| 4 * page.memory_words as u64)
                 .sum(),
             disk_form: encoded.disk_form_bytes,
-            stored: encoded.pack.len() as u64,
+            stored: asset.pack_bytes(),
             hierarchy: encoded.hierarchy_bytes.len() as u64,
             root_pages: roots.iter().map(|page| page.bytes as u64).sum(),
         },

@@ -4,7 +4,7 @@ use lodestream_format::grid::Grid;
 use lodestream_format::limits::MAX_EXTENT_STEPS;
 
 use super::error::BuildError;
-use crate::import::Mesh;
+use super::survey::Survey;
 
 /// Step of the position grid.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -24,8 +24,6 @@ const MOST_EXTENT_STEPS: f64 = (MAX_EXTENT_STEPS - 2) as f64;
 pub(super) const MOST_UV_STEPS: i64 = (1 << 23) - 2;
 /// Usual step of the texture grid: half a texel of a 4096 texture.
 const UV_STEP_EXPONENT: i32 = -13;
-/// Edges looked at; more would not move the quantiles.
-const MOST_SAMPLES: usize = 300_000;
 
 /// Chooses the position grid, see [`PositionStep`].
 ///
@@ -33,50 +31,39 @@ const MOST_SAMPLES: usize = 300_000;
 /// the two, so that small detail beside large triangles keeps its shape; at most 2^20 steps over the whole mesh as long
 /// as short edges still span four steps, and never more than 2^23.
 pub(super) fn position_grid(
-    mesh: &Mesh,
+    name: &str,
+    survey: &Survey,
     step: PositionStep,
     warnings: &mut Vec<String>,
 ) -> Result<Grid, BuildError> {
-    let (extent, largest) = extent(mesh);
+    let (extent, largest) = (survey.extent(), survey.largest());
     // Grid indices from the origin stay far below 2^63, and local coordinates below 2^23.
     let coarsest_needed =
         ceil_log2(extent / MOST_EXTENT_STEPS).max(ceil_log2(largest / 2f64.powi(50)));
     if coarsest_needed > *Grid::EXPONENTS.end() {
         return Err(BuildError::TooLarge {
-            mesh: mesh.name.clone(),
+            mesh: name.to_owned(),
             extent_metres: extent,
         });
     }
     let wanted = match step {
         PositionStep::Metres(metres) if metres > 0.0 && metres.is_finite() => floor_log2(metres),
         PositionStep::Metres(found) => return Err(BuildError::InvalidStep { found }),
-        PositionStep::Auto => auto(mesh, extent, largest),
+        PositionStep::Auto => auto(&survey.edges, extent, largest),
     };
     let exponent = wanted
         .max(coarsest_needed)
         .clamp(*Grid::EXPONENTS.start(), *Grid::EXPONENTS.end());
     if exponent != wanted && step != PositionStep::Auto {
         warnings.push(format!(
-            "mesh {:?}: position step 2^{wanted} metres became 2^{exponent} to span {extent} metres",
-            mesh.name
+            "mesh {name:?}: position step 2^{wanted} metres became 2^{exponent} to span {extent} metres"
         ));
     }
     Ok(Grid::new(exponent)?)
 }
 
-fn auto(mesh: &Mesh, extent: f64, largest: f64) -> i32 {
-    let stride = (3 * mesh.triangles.len()).div_ceil(MOST_SAMPLES);
-    let mut edges: Vec<f64> = Vec::new();
-    for triangle in mesh.triangles.iter().step_by(stride) {
-        let corners = triangle.map(|index| mesh.positions[index as usize].map(f64::from));
-        for side in 0..3 {
-            let (a, b) = (corners[side], corners[(side + 1) % 3]);
-            let squared: f64 = (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum();
-            if squared > 0.0 {
-                edges.push(squared.sqrt());
-            }
-        }
-    }
+/// `edges` ascend.
+fn auto(edges: &[f64], extent: f64, largest: f64) -> i32 {
     if edges.is_empty() {
         // Nothing has a size; f32's own spacing at the place is as fine as anything can be.
         return if largest > 0.0 {
@@ -85,7 +72,6 @@ fn auto(mesh: &Mesh, extent: f64, largest: f64) -> i32 {
             -20
         };
     }
-    edges.sort_unstable_by(f64::total_cmp);
     let typical = (edges.iter().map(|edge| edge.ln()).sum::<f64>() / edges.len() as f64).exp();
     let short = edges[edges.len() / 10];
     let wanted = floor_log2((typical / 64.0).min(short / 16.0));
@@ -94,14 +80,8 @@ fn auto(mesh: &Mesh, extent: f64, largest: f64) -> i32 {
 }
 
 /// Chooses the texture grid: 2^-13, coarser where the range needs it.
-pub(super) fn uv_grid(uvs: &[[f32; 2]]) -> Grid {
-    let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
-    for uv in uvs {
-        for axis in 0..2 {
-            low[axis] = low[axis].min(uv[axis] as f64);
-            high[axis] = high[axis].max(uv[axis] as f64);
-        }
-    }
+pub(super) fn uv_grid(survey: &Survey) -> Grid {
+    let (low, high) = (survey.uv_low, survey.uv_high);
     let mut step_exponent = UV_STEP_EXPONENT;
     for axis in 0..2 {
         if low[axis] <= high[axis] {
@@ -115,23 +95,6 @@ pub(super) fn uv_grid(uvs: &[[f32; 2]]) -> Grid {
     Grid {
         step_exponent: step_exponent.min(*Grid::EXPONENTS.end()),
     }
-}
-
-/// Longest side of the bounds and largest coordinate, metres.
-fn extent(mesh: &Mesh) -> (f64, f64) {
-    let (mut low, mut high) = ([f64::MAX; 3], [f64::MIN; 3]);
-    for position in &mesh.positions {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(position[axis] as f64);
-            high[axis] = high[axis].max(position[axis] as f64);
-        }
-    }
-    (0..3).fold((0.0, 0.0), |(extent, largest): (f64, f64), axis| {
-        (
-            extent.max(high[axis] - low[axis]),
-            largest.max(low[axis].abs()).max(high[axis].abs()),
-        )
-    })
 }
 
 fn floor_log2(value: f64) -> i32 {

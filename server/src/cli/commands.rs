@@ -69,6 +69,7 @@ fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(), CommandE
         build: BuildOptions {
             position_step: args.position_step,
             codec: args.codec,
+            ..BuildOptions::default()
         },
         progress: !quiet,
     };

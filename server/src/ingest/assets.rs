@@ -110,6 +110,10 @@ fn build_one(
     } = built;
     let asset = runtime.block_on(async {
         // What an object names is there before it.
+        let pack = match pack {
+            build::Pack::Memory(bytes) => bytes,
+            build::Pack::File(file) => std::fs::read(file.path()).unwrap_or_default(),
+        };
         for bytes in [pack, hierarchy_bytes] {
             library
                 .put_object(Bytes::from(bytes), RENEW_AFTER_SECS)

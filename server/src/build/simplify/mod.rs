@@ -1,0 +1,244 @@
+//! Simplify: a group's triangles to half as many, what it shares with other groups untouched.
+
+mod collapse;
+mod group;
+mod merge;
+mod placement;
+mod quadric;
+mod queue;
+mod witness;
+
+use super::cluster::{ClusterView, Witness};
+use super::clusterize::{Clusterizer, Clusters, Surface};
+use super::measure;
+use super::vertex::Grids;
+use collapse::{Collapser, Freedom};
+use group::{GroupMesh, attribute_count};
+use quadric::{cross, dot, sub};
+use witness::{Court, Testimony};
+
+/// A result with more of the triangles left is not worth a level.
+const MOST_LEFT: f64 = 0.85;
+/// A result with at most this share of the triangles left needs no freer attempt.
+const GOOD_ENOUGH: f64 = 0.6;
+/// What the farthest witness stands for: some point between the witnesses lies farther.
+const MARGIN: f64 = 1.4;
+/// Share of the group's size that rounding in f32 may hide.
+const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
+/// Triangles of a full cluster.
+const FULL: usize = lodestream_format::limits::MAX_CLUSTER_TRIANGLES;
+
+/// Where the vertices of coarser levels may lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Placement {
+    /// Where their quadric is least: fewer triangles for an error.
+    #[default]
+    Optimal,
+    /// On vertices of the source: they compress to less.
+    Subset,
+}
+
+/// A group's replacement.
+#[derive(Debug)]
+pub(super) struct Simplified {
+    pub clusters: Clusters,
+    /// Distance between the new surface and the source, metres.
+    pub distance_metres: f64,
+    /// Attributes' error, metres.
+    pub attribute_metres: f64,
+    /// Whether open edges of the surface moved.
+    pub open_edges_moved: bool,
+}
+
+/// What a simplification needs beside the group.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Job<'a> {
+    pub grids: &'a Grids,
+    pub placement: Placement,
+    /// Level of the clusters that come out.
+    pub level: u8,
+    /// Vertex clustering is allowed where collapses do not get further.
+    pub merge: bool,
+}
+
+/// Everything that is kept between groups of a thread.
+#[derive(Debug, Default)]
+pub(super) struct Workspace {
+    mesh: GroupMesh,
+    plain: Collapser<0>,
+    four: Collapser<4>,
+    eight: Collapser<8>,
+    twelve: Collapser<12>,
+    court: Court,
+    origins: Vec<[f32; 3]>,
+    clusterizer: Clusterizer,
+}
+
+impl Workspace {
+    /// Halves a group, or gives `None` where nothing allowed removes enough.
+    pub fn simplify<'a>(
+        &mut self,
+        job: &Job,
+        clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
+    ) -> Option<Simplified> {
+        self.mesh.gather(clusters);
+        let target = target(self.mesh.triangles.len());
+        let Self {
+            mesh,
+            plain,
+            four,
+            eight,
+            twelve,
+            court,
+            origins,
+            clusterizer,
+        } = self;
+        let result = match attribute_count(job.grids.attributes) {
+            0 => collapse(plain, mesh, court, origins, job, target),
+            1..=4 => collapse(four, mesh, court, origins, job, target),
+            5..=8 => collapse(eight, mesh, court, origins, job, target),
+            _ => collapse(twelve, mesh, court, origins, job, target),
+        };
+        let result = match result {
+            Some(result) => result,
+            None if job.merge => merged(mesh, target)?,
+            None => return None,
+        };
+        let metres = mesh.unit as f64 * job.grids.step_metres();
+        let surface = Surface {
+            vertices: &mesh.welder.vertices,
+            place_of: &mesh.welder.place_of,
+            place_count: mesh.welder.place_count(),
+            triangles: &result.triangles,
+            witnesses: &result.witnesses,
+        };
+        Some(Simplified {
+            clusters: clusterizer.clusterize(&surface, job.level),
+            distance_metres: result.distance * metres,
+            attribute_metres: result.attribute * metres,
+            open_edges_moved: result.open_edges_moved,
+        })
+    }
+}
+
+/// Half of the triangles, as a number of full clusters where one is near.
+fn target(triangles: usize) -> usize {
+    let half = triangles as f64 / 2.0;
+    let full = (half / FULL as f64).round().max(1.0) * FULL as f64;
+    if full <= 1.15 * half {
+        full as usize
+    } else {
+        (half as usize).max(1)
+    }
+}
+
+/// Triangles over the group's vertices, lengths in units.
+struct Outcome {
+    triangles: Vec<[u32; 3]>,
+    witnesses: Vec<Witness>,
+    distance: f64,
+    attribute: f64,
+    open_edges_moved: bool,
+}
+
+fn collapse<const K: usize>(
+    state: &mut Collapser<K>,
+    mesh: &mut GroupMesh,
+    court: &mut Court,
+    origins: &mut Vec<[f32; 3]>,
+    job: &Job,
+    target: usize,
+) -> Option<Outcome> {
+    let before = mesh.triangles.len();
+    let edge = mesh.typical_edge(&mesh.triangles);
+    let weights = mesh.weights(job.grids, edge);
+    state.start(mesh, job.grids, &weights);
+    state.run(mesh, target, Freedom::Kept, true);
+    if state.live as f64 > GOOD_ENOUGH * before as f64 {
+        state.run(mesh, target, Freedom::Released, false);
+    }
+    if state.live as f64 > MOST_LEFT * before as f64 || state.live == 0 {
+        return None;
+    }
+    origins.clear();
+    origins.extend_from_slice(&mesh.positions);
+    if job.placement == Placement::Optimal {
+        placement::place(state, mesh, job.grids, &weights);
+    }
+    let Testimony {
+        distance,
+        witnesses,
+    } = court.hear(state, mesh, origins);
+    let live: Vec<[u16; 3]> = (0..before)
+        .filter(|&triangle| state.alive[triangle])
+        .map(|triangle| state.corners[triangle])
+        .collect();
+    // What is wrong with a triangle's normal or texture is wrong over that triangle and no farther: it cannot be seen
+    // from where the triangle is smaller than the error allowed.
+    let size = mesh.typical_edge(&live) as f64;
+    let attribute = (state.attribute_error_squared.max(0.0) as f64)
+        .sqrt()
+        .min(size);
+    let lost_material = lost_material(mesh, &live, size);
+    Some(Outcome {
+        triangles: live.iter().map(|corners| corners.map(u32::from)).collect(),
+        witnesses,
+        distance: distance as f64 * MARGIN + if distance > 0.0 { ROUNDING } else { 0.0 },
+        attribute: attribute.max(lost_material),
+        open_edges_moved: state.open_moved,
+    })
+}
+
+/// The size of the triangles where a material is gone: a stripe on a road lies on the road when it is gone, and yet its
+/// colour is missed, over the stripe.
+fn lost_material(mesh: &GroupMesh, live: &[[u16; 3]], size: f64) -> f64 {
+    let of = |triangles: &[[u16; 3]]| {
+        let slot = |corners: &[u16; 3]| mesh.welder.vertices[corners[0] as usize].1;
+        let mut slots: Vec<u16> = triangles.iter().map(slot).collect();
+        slots.sort_unstable();
+        slots.dedup();
+        slots
+    };
+    let one = mesh.welder.vertices.first().map(|first| first.1);
+    if mesh
+        .welder
+        .vertices
+        .iter()
+        .all(|vertex| Some(vertex.1) == one)
+    {
+        return 0.0;
+    }
+    if of(live).len() < of(&mesh.triangles).len() {
+        size
+    } else {
+        0.0
+    }
+}
+
+/// Vertex clustering, for loose parts and tangled topology. It knows nothing of attributes: all of them may be wrong, over
+/// a triangle each.
+fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
+    let (triangles, moved_to) = merge::merge(mesh, target);
+    if triangles.is_empty() || triangles.len() as f64 > MOST_LEFT * mesh.triangles.len() as f64 {
+        return None;
+    }
+    let at = |triangles: &[[u16; 3]]| -> Vec<[u32; 3]> {
+        triangles
+            .iter()
+            .map(|&triangle| mesh.places(triangle).map(|place| place as u32))
+            .collect()
+    };
+    let after = at(&triangles);
+    let step = measure::distance(&mesh.positions, &at(&mesh.triangles), &after, 0.0);
+    let (witnesses, farthest) = witness::after_merge(mesh, &triangles, &after, &moved_to);
+    Some(Outcome {
+        attribute: mesh.typical_edge(&triangles) as f64,
+        distance: step.max(farthest) * MARGIN + ROUNDING,
+        witnesses,
+        triangles: triangles
+            .iter()
+            .map(|corners| corners.map(u32::from))
+            .collect(),
+        open_edges_moved: true,
+    })
+}

@@ -1,0 +1,285 @@
+//! Witness: how far the source surface lies from what stands for it now.
+//!
+//! Witnesses are points of the source that have been left behind, each with the triangle nearest to it. A group hands its
+//! farthest ones on, so every level is measured against the source itself, not against the level before, and errors do not
+//! add up. The distance from a witness is taken to triangles near the place that it went to: never below the distance to the
+//! whole surface. Witnesses are samples; `MARGIN` is for what lies between them (`loadtests build` measures what is left).
+
+use super::super::borders::OPEN;
+use super::super::cluster::Witness;
+use super::super::triangle_tree::TriangleTree;
+use super::collapse::Collapser;
+use super::group::GroupMesh;
+use super::quadric::{cross, dot, sub};
+
+/// A witness nearer than this share of the farthest one is not handed on.
+const HANDED_ON: f32 = 0.3;
+/// A witness nearer than this share of the farthest one so far is not looked at further.
+const ENOUGH: f32 = 0.25;
+
+/// What the witnesses of a group say.
+#[derive(Debug, Default)]
+pub(in super::super) struct Testimony {
+    /// Farthest distance, units.
+    pub distance: f32,
+    /// Those handed on, by triangle.
+    pub witnesses: Vec<Witness>,
+}
+
+/// Kept between groups.
+#[derive(Debug, Default)]
+pub(super) struct Court {
+    /// Farthest witness of each triangle and its squared distance.
+    farthest: Vec<(f32, [i32; 3])>,
+    seen: Vec<u32>,
+    now: u32,
+}
+
+impl Court {
+    /// Hears every place that went, every place that moved from its `origins`, and every witness handed on.
+    pub fn hear<const K: usize>(
+        &mut self,
+        state: &Collapser<K>,
+        mesh: &GroupMesh,
+        origins: &[[f32; 3]],
+    ) -> Testimony {
+        self.farthest.clear();
+        self.farthest.resize(mesh.triangles.len(), (-1.0, [0; 3]));
+        self.seen.clear();
+        self.seen.resize(mesh.triangles.len(), 0);
+        self.now = 0;
+        let mut worst = 0.0f32;
+        let mut lost: Vec<[f32; 3]> = Vec::new();
+        for place in 0..origins.len() {
+            let went_to = state.find(place as u16);
+            let stayed = went_to as usize == place;
+            if stayed && mesh.positions[place] == origins[place] {
+                continue;
+            }
+            let at = origins[place];
+            match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
+                Some((squared, triangle)) => {
+                    let mut squared = squared;
+                    if !stayed && mesh.rules[place] == OPEN {
+                        squared = squared.max(to_open_edge(state, mesh, at, went_to));
+                    }
+                    worst = worst.max(squared);
+                    self.keep(triangle, squared, mesh.on_grid(at));
+                }
+                None => lost.push(at),
+            }
+        }
+        for witness in &mesh.witnesses {
+            let at = mesh.local(witness.position);
+            let places = mesh.places(mesh.triangles[witness.triangle as usize]);
+            let near = places.into_iter().min_by(|&a, &b| {
+                let away = |place: usize| {
+                    let side = sub(origins[place], at);
+                    dot(side, side)
+                };
+                away(a).total_cmp(&away(b))
+            });
+            let went_to = state.find(near.unwrap_or(0) as u16);
+            match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
+                Some((squared, triangle)) => {
+                    worst = worst.max(squared);
+                    self.keep(triangle, squared, witness.position);
+                }
+                None => lost.push(at),
+            }
+        }
+        if !lost.is_empty() {
+            worst = worst.max(self.search(state, mesh, &lost));
+        }
+        let least = HANDED_ON * HANDED_ON * worst;
+        let mut testimony = Testimony {
+            distance: worst.sqrt(),
+            witnesses: Vec::new(),
+        };
+        let mut number = 0;
+        for (triangle, &(squared, position)) in self.farthest.iter().enumerate() {
+            if !state.alive[triangle] {
+                continue;
+            }
+            if squared > least && squared > 0.0 {
+                testimony.witnesses.push(Witness {
+                    position,
+                    triangle: number,
+                });
+            }
+            number += 1;
+        }
+        testimony
+    }
+
+    fn keep(&mut self, triangle: usize, squared: f32, position: [i32; 3]) {
+        let farthest = &mut self.farthest[triangle];
+        if squared > farthest.0 {
+            *farthest = (squared, position);
+        }
+    }
+
+    /// Squared distance to the nearest triangle found round `place`, going on from triangle to triangle as long as that
+    /// brings it nearer; `None` where nothing is left there.
+    fn nearest<const K: usize>(
+        &mut self,
+        state: &Collapser<K>,
+        mesh: &GroupMesh,
+        at: [f32; 3],
+        place: u16,
+        enough: f32,
+    ) -> Option<(f32, usize)> {
+        self.now += 1;
+        let mut best: Option<(f32, usize)> = None;
+        self.visit(state, mesh, at, place, &mut best);
+        loop {
+            let (squared, triangle) = best?;
+            if squared <= enough {
+                return best;
+            }
+            for vertex in state.corners[triangle] {
+                let place = mesh.welder.place_of[vertex as usize] as u16;
+                self.visit(state, mesh, at, place, &mut best);
+            }
+            if best.is_none_or(|(nearer, _)| nearer >= squared) {
+                return best;
+            }
+        }
+    }
+
+    fn visit<const K: usize>(
+        &mut self,
+        state: &Collapser<K>,
+        mesh: &GroupMesh,
+        at: [f32; 3],
+        place: u16,
+        best: &mut Option<(f32, usize)>,
+    ) {
+        for (triangle, _) in state.star(place) {
+            if self.seen[triangle] == self.now {
+                continue;
+            }
+            self.seen[triangle] = self.now;
+            let corners = mesh
+                .places(state.corners[triangle])
+                .map(|place| mesh.positions[place]);
+            let squared = to_triangle(at, &corners);
+            if best.is_none_or(|(least, _)| squared < least) {
+                *best = Some((squared, triangle));
+            }
+        }
+    }
+
+    /// Largest squared distance of points whose part of the surface vanished, to anything that is left.
+    fn search<const K: usize>(
+        &self,
+        state: &Collapser<K>,
+        mesh: &GroupMesh,
+        lost: &[[f32; 3]],
+    ) -> f32 {
+        let left: Vec<[u32; 3]> = (0..state.corners.len())
+            .filter(|&triangle| state.alive[triangle])
+            .map(|triangle| {
+                mesh.places(state.corners[triangle])
+                    .map(|place| place as u32)
+            })
+            .collect();
+        let tree = TriangleTree::new(&mesh.positions, &left);
+        lost.iter()
+            .map(|at| tree.distance_squared(at.map(f64::from), 0.0) as f32)
+            .fold(0.0, f32::max)
+    }
+}
+
+/// Witnesses of a vertex clustering and the farthest one's distance, units: every place that moved and every witness handed
+/// on, each with a triangle at the place it went to.
+pub(super) fn after_merge(
+    mesh: &GroupMesh,
+    triangles: &[[u16; 3]],
+    places: &[[u32; 3]],
+    moved_to: &[u16],
+) -> (Vec<Witness>, f64) {
+    let tree = TriangleTree::new(&mesh.positions, places);
+    let mut triangle_at = vec![0u32; mesh.welder.vertices.len()];
+    for (number, corners) in triangles.iter().enumerate() {
+        for &vertex in corners {
+            triangle_at[vertex as usize] = number as u32;
+        }
+    }
+    let mut farthest = vec![(0.0f64, [0; 3]); triangles.len()];
+    let mut take = |position: [i32; 3], vertex: u16| {
+        let at = mesh.local(position).map(f64::from);
+        let squared = tree.distance_squared(at, 0.0);
+        let own = &mut farthest[triangle_at[moved_to[vertex as usize] as usize] as usize];
+        if squared > own.0 {
+            *own = (squared, position);
+        }
+    };
+    for (vertex, (value, _)) in mesh.welder.vertices.iter().enumerate() {
+        if moved_to[vertex] as usize != vertex {
+            take(value.position, vertex as u16);
+        }
+    }
+    for witness in &mesh.witnesses {
+        let corners = mesh.triangles[witness.triangle as usize];
+        take(witness.position, corners[0]);
+    }
+    let worst = farthest.iter().fold(0.0, |most: f64, own| most.max(own.0));
+    let least = (HANDED_ON * HANDED_ON) as f64 * worst;
+    let handed_on = (0..).zip(&farthest).filter(|(_, own)| own.0 > least);
+    let witnesses = handed_on.map(|(triangle, &(_, position))| Witness { position, triangle });
+    (witnesses.collect(), worst.sqrt())
+}
+
+/// Squared distance to the nearest open edge at `place`; 0 where there is none.
+fn to_open_edge<const K: usize>(
+    state: &Collapser<K>,
+    mesh: &GroupMesh,
+    at: [f32; 3],
+    place: u16,
+) -> f32 {
+    let mut best = f32::INFINITY;
+    let others: Vec<usize> = state
+        .star(place)
+        .flat_map(|(triangle, k)| {
+            let places = mesh.places(state.corners[triangle]);
+            [places[(k + 1) % 3], places[(k + 2) % 3]]
+        })
+        .collect();
+    for &other in &others {
+        if others.iter().filter(|&&same| same == other).count() == 1 {
+            let (a, b) = (mesh.positions[place as usize], mesh.positions[other]);
+            best = best.min(to_segment(at, a, b));
+        }
+    }
+    if best.is_finite() { best } else { 0.0 }
+}
+
+/// Squared distance from a point to a triangle (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5).
+fn to_triangle(point: [f32; 3], &[a, b, c]: &[[f32; 3]; 3]) -> f32 {
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(point, a));
+    let normal = cross(ab, ac);
+    let square = dot(normal, normal);
+    if square > 0.0 {
+        let v = dot(cross(ap, ac), normal);
+        let w = dot(cross(ab, ap), normal);
+        if v >= 0.0 && w >= 0.0 && v + w <= square {
+            let height = dot(ap, normal);
+            return height * height / square;
+        }
+    }
+    to_segment(point, a, b)
+        .min(to_segment(point, b, c))
+        .min(to_segment(point, c, a))
+}
+
+fn to_segment(point: [f32; 3], a: [f32; 3], b: [f32; 3]) -> f32 {
+    let (ab, ap) = (sub(b, a), sub(point, a));
+    let square = dot(ab, ab);
+    let along = match square > 0.0 {
+        true => (dot(ap, ab) / square).clamp(0.0, 1.0),
+        false => 0.0,
+    };
+    let away = sub(ap, ab.map(|value| value * along));
+    dot(away, away)
+}
