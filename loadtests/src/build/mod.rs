@@ -1,0 +1,3 @@
+//! Builders held against each other and against the truth.
+
+pub mod inputs;
