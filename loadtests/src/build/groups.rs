@@ -120,7 +120,8 @@ fn distance(dag: &ClusterDag, group: u32, most_samples: usize) -> f64 {
     }
     for point in points(&below.source) {
         let squared = own_tree.distance_squared(point, worst);
-        if squared > worst && other_tree.distance_squared(point, squared) >= squared {
+        // A search may stop at `enough`, and places on the shared border are as near to both.
+        if squared > worst && other_tree.distance_squared(point, squared.next_down()) >= squared {
             worst = squared;
         }
     }
