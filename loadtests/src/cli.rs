@@ -54,6 +54,12 @@ pub enum Command {
     /// Peak memory of one build; what `build` runs for each of its rows.
     #[command(hide = true)]
     BuildMemory(BuildMemory),
+    /// Build stiff and extreme meshes and measure them against an f64 reference; exit 1 where something does not hold.
+    Stability {
+        /// A million where a case says so; otherwise 20,000.
+        #[arg(long)]
+        full: bool,
+    },
     /// Gather the JSON reports and pictures of a folder in one page, `index.html`.
     Report {
         /// Holds `build-*.json`, `draw-*.json`, `compare-*.json`, `play-*.json`, `policies-*.json`, `load-*.json` and `*.png`.
@@ -334,6 +340,7 @@ mod tests {
             "l build a.glb b.glb --threads 1,2 --report r.json",
             "l build --generate torus:1000000 sphere:1000000 --runs 5 --samples 0",
             "l build-memory torus:1000 --part 0 --builder clusterlod",
+            "l stability --full --report r.json",
         ] {
             assert!(parses(line), "{line}");
         }

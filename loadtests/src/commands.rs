@@ -7,6 +7,7 @@ use lodestream_client::stream::{OpenedScene, Source, StreamError, Transport};
 use lodestream_client::trace::Trace;
 use lodestream_loadtests::build::memory::{self, MemoryOf};
 use lodestream_loadtests::build::print as build_print;
+use lodestream_loadtests::build::stability::{self, Sizes};
 use lodestream_loadtests::build::study::{self, StudyOptions as BuildStudyOptions};
 use lodestream_loadtests::build::target::{MeshesOf, StudyError};
 use lodestream_loadtests::compare::{self, CompareError, DepthImage, Picture};
@@ -15,6 +16,7 @@ use lodestream_loadtests::policies::{self, LinkSpeed, StudyOptions};
 use lodestream_loadtests::record::{self, RecordError};
 use lodestream_loadtests::report::{self, ReportError};
 use lodestream_loadtests::samples::{self, SampleError};
+use lodestream_server::build::BuildOptions;
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -61,6 +63,14 @@ pub enum CommandError {
     /// This program's own file.
     #[error("expected to find this program's file, found {0}")]
     Program(std::io::Error),
+    /// Cases that do not hold.
+    #[error("stability: expected every row to hold, found {failed} of {rows} that do not")]
+    Unstable {
+        /// Those that do not.
+        failed: usize,
+        /// All.
+        rows: usize,
+    },
     /// A file to be written.
     #[error("{file}: expected to write it, found {source}")]
     Write {
@@ -84,6 +94,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Compare(files) => compare_pictures(&files)?,
         Command::Build(arguments) => return compare_builders(arguments, &cli.common),
         Command::BuildMemory(arguments) => return build_memory(arguments),
+        Command::Stability { full } => return measure_stability(full, &cli.common),
         Command::Report { folder } => json!({ "page": report::write(&folder)? }),
     };
     finish(&figures, &cli.common)
@@ -116,6 +127,21 @@ fn build_memory(arguments: BuildMemory) -> Result<(), CommandError> {
     })?;
     println!("{}", value(&memory));
     Ok(())
+}
+
+fn measure_stability(full: bool, common: &Common) -> Result<(), CommandError> {
+    let sizes = if full { Sizes::FULL } else { Sizes::USUAL };
+    let table = stability::table(sizes, &BuildOptions::default(), |row| {
+        tracing::info!("{}: {} {:?}", row.case, row.outcome, row.faults);
+    });
+    finish_text(&build_print::stability(&table), &value(&table), common)?;
+    match table.failed {
+        0 => Ok(()),
+        failed => Err(CommandError::Unstable {
+            failed,
+            rows: table.rows.len(),
+        }),
+    }
 }
 
 /// As [`finish`], for figures with a text of their own.

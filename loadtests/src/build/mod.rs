@@ -14,5 +14,6 @@ pub mod memory;
 pub mod print;
 pub mod process;
 pub mod rows;
+pub mod stability;
 pub mod study;
 pub mod target;

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use serde_json::Value;
 
+use super::stability::Stability;
 use super::study::Study;
 use crate::report::number;
 
@@ -56,6 +57,35 @@ fn cell(value: &Value) -> String {
         Value::Number(whole) if !whole.is_f64() => whole.to_string(),
         value => value.as_f64().map_or_else(|| value.to_string(), number),
     }
+}
+
+/// The stability table.
+pub fn stability(stability: &Stability) -> String {
+    let mut text = table(
+        "stability",
+        &[
+            ("case", "case"),
+            ("triangles", "triangles"),
+            ("levels", "levels"),
+            ("roots", "root_clusters"),
+            ("open", "source_open_edges"),
+            ("opened", "opened_edges"),
+            ("grid m", "grid_metres"),
+            ("step m", "step_metres"),
+            ("groups", "measured"),
+            ("bounded", "bounded_share"),
+            ("below a step", "below_step"),
+            ("stored/measured", "ratio_p50"),
+            ("p95", "ratio_p95"),
+            ("s", "build_secs"),
+            ("outcome", "outcome"),
+            ("faults", "faults"),
+        ],
+        &stability.rows,
+    );
+    let (passed, failed) = (stability.passed, stability.failed);
+    text += &format!("{passed} rows pass, {failed} do not\n");
+    text
 }
 
 /// The study's tables.
