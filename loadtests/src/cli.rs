@@ -59,6 +59,9 @@ pub enum Command {
         /// A million where a case says so; otherwise 20,000.
         #[arg(long)]
         full: bool,
+        /// Only cases whose names contain this.
+        #[arg(long, value_name = "TEXT", default_value = "")]
+        case: String,
     },
     /// Gather the JSON reports and pictures of a folder in one page, `index.html`.
     Report {

@@ -94,7 +94,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Compare(files) => compare_pictures(&files)?,
         Command::Build(arguments) => return compare_builders(arguments, &cli.common),
         Command::BuildMemory(arguments) => return build_memory(arguments),
-        Command::Stability { full } => return measure_stability(full, &cli.common),
+        Command::Stability { full, case } => return measure_stability(full, &case, &cli.common),
         Command::Report { folder } => json!({ "page": report::write(&folder)? }),
     };
     finish(&figures, &cli.common)
@@ -129,10 +129,11 @@ fn build_memory(arguments: BuildMemory) -> Result<(), CommandError> {
     Ok(())
 }
 
-fn measure_stability(full: bool, common: &Common) -> Result<(), CommandError> {
+fn measure_stability(full: bool, case: &str, common: &Common) -> Result<(), CommandError> {
     let sizes = if full { Sizes::FULL } else { Sizes::USUAL };
-    let table = stability::table(sizes, &BuildOptions::default(), |row| {
-        tracing::info!("{}: {} {:?}", row.case, row.outcome, row.faults);
+    let table = stability::table(sizes, case, &BuildOptions::default(), |row| {
+        let (build, measure) = (row.build_secs, row.measure_secs);
+        tracing::info!("{}: {build:.2} s, measured in {measure:.2} s", row.case);
     });
     finish_text(&build_print::stability(&table), &value(&table), common)?;
     match table.failed {

@@ -28,7 +28,12 @@ pub struct Case {
     pub mesh: Mesh,
     /// What should become of it.
     pub expected: Expected,
+    /// Samples each way a group and a surface, at most about.
+    pub most_samples: usize,
 }
+
+/// Usual samples of a case: a group of a thousand triangles whole.
+const SAMPLES: usize = 15_000;
 
 /// How large the cases are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,7 +64,7 @@ pub fn all(sizes: Sizes) -> Vec<Box<dyn FnOnce() -> Case>> {
     vec![
         Box::new(slivers),
         Box::new(move || duplicates(sphere())),
-        Box::new(move || far(sphere(), "1e7 m away", 1e7, 1.0)),
+        Box::new(move || far(sphere(), "1e7 m away", 1e7, 1e3)),
         Box::new(move || far(sphere(), "1e4 m away, millimetres", 1e4, 1.0)),
         Box::new(move || scaled(torus(), "scale 1e-6", 1e-6)),
         Box::new(move || scaled(torus(), "scale 1e6", 1e6)),
@@ -92,6 +97,7 @@ fn built(name: &'static str, note: impl Into<String>, mesh: Mesh) -> Case {
         note: note.into(),
         mesh,
         expected: Expected::Built,
+        most_samples: SAMPLES,
     }
 }
 
@@ -185,7 +191,8 @@ fn far(mesh: Mesh, name: &'static str, metres: f64, size: f64) -> Case {
     let mesh = mapped(mesh, |at| at * size + DVec3::splat(metres));
     let step = f64::from((metres as f32).next_up()) - f64::from(metres as f32);
     let note = format!(
-        "a sphere of 2 m; f32 there holds steps of {step} m, what is finer is lost before the build"
+        "a sphere of {} m; f32 there holds steps of {step} m, what is finer is lost before the build",
+        2.0 * size
     );
     built(name, note, mesh)
 }
@@ -310,7 +317,13 @@ fn hub(neighbours: u32) -> Case {
         triangles.extend([[0, a, b], [1, b, a]]);
     }
     let mesh = plain(&positions, triangles);
-    built("a vertex with many neighbours", "two of them, closed", mesh)
+    // Boxes around slivers that all meet at one place overlap: each sample looks at a good part of them.
+    let most_samples = (30_000_000 / neighbours as usize).clamp(90, SAMPLES);
+    let note = format!("two of them, closed; {most_samples} samples a surface and group");
+    Case {
+        most_samples,
+        ..built("a vertex with many neighbours", note, mesh)
+    }
 }
 
 fn tetrahedra(count: u32) -> Case {

@@ -21,8 +21,6 @@ use super::rows::Shape;
 const BOUNDED_SHARE: f64 = 0.999;
 const LADDER: usize = 10;
 const MOST_GROUPS: usize = 300;
-const GROUP_SAMPLES: usize = 30_000;
-const CUT_SAMPLES: usize = 300_000;
 
 /// A row of the table.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -49,6 +47,8 @@ pub struct Row {
     pub promises: GroupFigures,
     /// Build and encode, wall-clock seconds.
     pub build_secs: f64,
+    /// What measuring took, seconds.
+    pub measure_secs: f64,
     /// `built`, the refusal, or what went wrong.
     pub outcome: String,
     /// What does not hold; empty in a row that passes.
@@ -75,11 +75,20 @@ pub struct Stability {
     pub rows: Vec<Row>,
 }
 
-/// Builds and measures every case; `each` hears of a case when its row is there.
-pub fn table(sizes: Sizes, options: &BuildOptions, mut each: impl FnMut(&Row)) -> Stability {
+/// Builds and measures the cases whose names contain `named`; `each` hears of a case when its row is there.
+pub fn table(
+    sizes: Sizes,
+    named: &str,
+    options: &BuildOptions,
+    mut each: impl FnMut(&Row),
+) -> Stability {
     let mut table = Stability::default();
     for make in all(sizes) {
-        let row = row(make(), options);
+        let case = make();
+        if !case.name.contains(named) {
+            continue;
+        }
+        let row = row(case, options);
         each(&row);
         table.passed += usize::from(row.passed());
         table.failed += usize::from(!row.passed());
@@ -102,7 +111,9 @@ pub fn row(case: Case, options: &BuildOptions) -> Row {
     match (result, case.expected) {
         (Ok(Ok(built)), Expected::Built) => {
             row.outcome = "built".into();
-            if let Err(error) = row.measure(&case.mesh, &built) {
+            let (measured, cost) = spent(|| row.measure(&case.mesh, &built, case.most_samples));
+            row.measure_secs = cost.wall_secs;
+            if let Err(error) = measured {
                 row.faults.push(format!("does not read back: {error}"));
             }
         }
@@ -130,6 +141,7 @@ impl Row {
         &mut self,
         mesh: &Mesh,
         built: &BuiltAsset,
+        most_samples: usize,
     ) -> Result<(), lodestream_format::FormatError> {
         let dag = ClusterDag::of_asset(built)?;
         self.shape = Shape::of(&dag);
@@ -140,8 +152,8 @@ impl Row {
         let leaves = dag.gather(dag.level_cut(0));
         let leaf_tree = TriangleTree::new(&dag.places, &leaves);
         let tree = TriangleTree::new(&places, &triangles);
-        let there = one_way(&dag.places, &leaves, &tree, CUT_SAMPLES);
-        let back = one_way(&places, &triangles, &leaf_tree, CUT_SAMPLES);
+        let there = one_way(&dag.places, &leaves, &tree, most_samples);
+        let back = one_way(&places, &triangles, &leaf_tree, most_samples);
         self.grid_metres = there.worse(back).max_metres;
 
         let border = SourceBorder::new(&dag);
@@ -153,7 +165,7 @@ impl Row {
             .map(|cut| border.opened(&cut, self.step_metres));
         self.opened_edges = opened.max().unwrap_or(0);
 
-        let errors = groups::measure(&dag, MOST_GROUPS, GROUP_SAMPLES);
+        let errors = groups::measure(&dag, MOST_GROUPS, most_samples);
         self.promises = groups::figures(&dag, &errors, self.step_metres);
         if self.promises.bounded_share < BOUNDED_SHARE {
             self.faults.push(format!(
