@@ -229,6 +229,9 @@ pub struct Build {
     /// Samples each way a cut at most, about; 15 a triangle where that is fewer. 0: measure no surface.
     #[arg(long, value_name = "N", default_value_t = 300_000)]
     pub samples: usize,
+    /// Try every setting of every knob of our build on each mesh with a row of its own.
+    #[arg(long)]
+    pub knobs: bool,
     /// Leave out the memory of each row.
     #[arg(long)]
     pub no_memory: bool,

@@ -109,6 +109,7 @@ fn compare_builders(arguments: Build, common: &Common) -> Result<(), CommandErro
         runs: usize::from(arguments.runs),
         largest: arguments.largest,
         samples: arguments.samples,
+        knobs: arguments.knobs,
         program: match arguments.no_memory {
             true => None,
             false => Some(std::env::current_exe().map_err(CommandError::Program)?),

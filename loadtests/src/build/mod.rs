@@ -10,6 +10,7 @@ pub mod distance;
 pub mod edges;
 pub mod groups;
 pub mod inputs;
+pub mod knobs;
 pub mod memory;
 pub mod print;
 pub mod process;

@@ -156,6 +156,21 @@ pub fn study(study: &Study) -> String {
         ],
         &study.errors,
     );
+    text += &table(
+        "\nour knobs; errors of a cut of a sixteenth of the triangles",
+        &[
+            ("input", "input"),
+            ("knob", "knob"),
+            ("setting", "setting"),
+            ("build s", "build_secs"),
+            ("total s", "total_secs"),
+            ("B/tri", "stored_bytes_per_triangle"),
+            ("max m", "max_metres"),
+            ("rms m", "rms_metres"),
+            ("refused", "refused"),
+        ],
+        &study.knobs,
+    );
     for errors in &study.errors {
         text += &table(
             &format!("\n{}, {}: levels", errors.input, errors.builder),

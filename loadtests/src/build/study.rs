@@ -13,6 +13,7 @@ use super::curves::{CutFigures, EqualError, Measuring, SourceSurface, at_equal_e
 use super::dag::{ClusterDag, center_metres, source_places};
 use super::edges::SourceBorder;
 use super::groups::{self, GroupFigures};
+use super::knobs::{self, KnobRow};
 use super::memory::{self, Memory, MemoryOf, thread_pool};
 use super::process::median;
 use super::rows::{Builder, Run, Shape, run_clusterlod, run_ours};
@@ -38,6 +39,8 @@ pub struct StudyOptions {
     pub largest: usize,
     /// Samples each way a cut; 0 leaves out all that is measured on surfaces.
     pub samples: usize,
+    /// Try every setting of every knob on the inputs of one mesh.
+    pub knobs: bool,
     /// This program, for rows of memory; `None` leaves them out.
     pub program: Option<PathBuf>,
 }
@@ -154,6 +157,8 @@ pub struct Study {
     pub promises: Vec<Promises>,
     /// Measured cuts.
     pub errors: Vec<Errors>,
+    /// Settings of our build.
+    pub knobs: Vec<KnobRow>,
 }
 
 /// Measures all inputs; `each` hears of every input before it starts.
@@ -187,6 +192,10 @@ pub fn study(options: &StudyOptions, mut each: impl FnMut(&str)) -> Result<Study
                 && options.samples > 0
             {
                 measure(options, &mut study, &name, mesh, &ours)?;
+                if let (true, Some((_, pool))) = (options.knobs, pools.first()) {
+                    let rows = knobs::rows(&name, mesh, pool, options.runs, options.samples)?;
+                    study.knobs.extend(rows);
+                }
             }
         }
     }
