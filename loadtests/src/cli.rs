@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use lodestream_loadtests::build::inputs::Generated;
+use lodestream_loadtests::build::rows::Builder;
+use lodestream_loadtests::build::target::{MeshesOf, Part};
 use lodestream_loadtests::policies::PolicyName;
 use lodestream_loadtests::record::TraceFormat;
 
@@ -46,6 +49,20 @@ pub enum Command {
     Sample(Sample),
     /// Measure how far a picture is from its reference.
     Compare(Compare),
+    /// Hold our builder against clusterlod: time, memory, clusters, and errors measured on dense samples.
+    Build(Build),
+    /// Peak memory of one build; what `build` runs for each of its rows.
+    #[command(hide = true)]
+    BuildMemory(BuildMemory),
+    /// Build stiff and extreme meshes and measure them against an f64 reference; exit 1 where something does not hold.
+    Stability {
+        /// A million where a case says so; otherwise 20,000.
+        #[arg(long)]
+        full: bool,
+        /// Only cases whose names contain this.
+        #[arg(long, value_name = "TEXT", default_value = "")]
+        case: String,
+    },
     /// Gather the JSON reports and pictures of a folder in one page, `index.html`.
     Report {
         /// Holds `build-*.json`, `draw-*.json`, `compare-*.json`, `play-*.json`, `policies-*.json`, `load-*.json` and `*.png`.
@@ -191,6 +208,51 @@ pub enum Sample {
     },
 }
 
+/// Arguments of `build`.
+#[derive(Debug, Args)]
+pub struct Build {
+    /// .glb or .gltf files.
+    #[arg(value_name = "INPUT", required_unless_present = "generate")]
+    pub inputs: Vec<PathBuf>,
+    /// Made inputs, as SHAPE:TRIANGLES; shapes are torus, sphere, charts, facet, foliage.
+    #[arg(long, value_name = "SHAPE:N", num_args = 1..)]
+    pub generate: Vec<Generated>,
+    /// Thread counts of our builder; clusterlod has one.
+    #[arg(long, value_name = "N[,N...]", value_delimiter = ',', default_value = "1,2", value_parser = threads)]
+    pub threads: Vec<usize>,
+    /// Timed runs, the builders in turns; medians are shown.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..))]
+    pub runs: u16,
+    /// Meshes of a file with a row of their own, beside the whole file.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub largest: usize,
+    /// Samples each way a cut at most, about; 15 a triangle where that is fewer. 0: measure no surface.
+    #[arg(long, value_name = "N", default_value_t = 300_000)]
+    pub samples: usize,
+    /// Try every setting of every knob of our build on each mesh with a row of its own.
+    #[arg(long)]
+    pub knobs: bool,
+    /// Leave out the memory of each row.
+    #[arg(long)]
+    pub no_memory: bool,
+}
+
+/// Arguments of `build-memory`.
+#[derive(Debug, Args)]
+pub struct BuildMemory {
+    /// A file or a made input.
+    pub input: MeshesOf,
+    /// Which mesh, the largest first, or all.
+    #[arg(long, default_value = "all")]
+    pub part: Part,
+    /// Whose builder.
+    #[arg(long, value_parser = builder)]
+    pub builder: Builder,
+    /// Threads of ours.
+    #[arg(long, default_value = "1", value_parser = threads)]
+    pub threads: usize,
+}
+
 /// Arguments of `compare`.
 #[derive(Debug, Args)]
 pub struct Compare {
@@ -210,6 +272,21 @@ fn policies(text: &str) -> Result<std::sync::Arc<[PolicyName]>, String> {
     text.split(',')
         .map(|name| PolicyName::from_str(name, false))
         .collect()
+}
+
+fn builder(text: &str) -> Result<Builder, String> {
+    let known = Builder::ALL.into_iter().find(|it| it.name() == text);
+    known.ok_or_else(|| {
+        format!(
+            "expected one of {}",
+            Builder::ALL.map(Builder::name).join(", ")
+        )
+    })
+}
+
+fn threads(text: &str) -> Result<usize, String> {
+    let threads = text.parse().ok().filter(|it| (1..=1024).contains(it));
+    threads.ok_or_else(|| "expected 1 to 1024 threads".to_owned())
 }
 
 fn number(text: &str, expected: &str, fits: impl Fn(f64) -> bool) -> Result<f64, String> {
@@ -266,6 +343,10 @@ mod tests {
             "l sample rock --out r.glb --triangles 5000 --quiet",
             "l compare a.png b.png --depths a.pfm b.pfm --report r.json",
             "l report folder",
+            "l build a.glb b.glb --threads 1,2 --report r.json",
+            "l build --generate torus:1000000 sphere:1000000 --runs 5 --samples 0",
+            "l build-memory torus:1000 --part 0 --builder clusterlod",
+            "l stability --full --report r.json",
         ] {
             assert!(parses(line), "{line}");
         }
@@ -282,6 +363,10 @@ mod tests {
             "l load http://h --viewers 1 --seconds 1 --bandwidth nan",
             "l record http://h --scene s --path p --trace t --format xml",
             "l compare a.png b.png --depths a.pfm",
+            "l build",
+            "l build --generate cube:9",
+            "l build a.glb --threads 0",
+            "l build-memory torus:1000 --builder bevy",
         ] {
             assert!(!parses(line), "{line}");
         }

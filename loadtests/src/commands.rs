@@ -5,16 +5,25 @@ use std::path::Path;
 use lodestream_client::path::{CameraPath, PathError};
 use lodestream_client::stream::{OpenedScene, Source, StreamError, Transport};
 use lodestream_client::trace::Trace;
+use lodestream_loadtests::build::memory::{self, MemoryOf};
+use lodestream_loadtests::build::print as build_print;
+use lodestream_loadtests::build::stability::{self, Sizes};
+use lodestream_loadtests::build::study::{self, StudyOptions as BuildStudyOptions};
+use lodestream_loadtests::build::target::{MeshesOf, StudyError};
 use lodestream_loadtests::compare::{self, CompareError, DepthImage, Picture};
 use lodestream_loadtests::load::{self, LoadError, LoadOptions};
 use lodestream_loadtests::policies::{self, LinkSpeed, StudyOptions};
 use lodestream_loadtests::record::{self, RecordError};
 use lodestream_loadtests::report::{self, ReportError};
 use lodestream_loadtests::samples::{self, SampleError};
+use lodestream_server::build::BuildOptions;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::cli::{Cli, Command, Common, Compare, Load, Policies, Record, Sample, TransportName};
+use crate::cli::{
+    Build, BuildMemory, Cli, Command, Common, Compare, Load, Policies, Record, Sample,
+    TransportName,
+};
 
 const MEBIBYTE: u64 = 1 << 20;
 
@@ -48,6 +57,20 @@ pub enum CommandError {
     /// Neither a trace nor what to record one from.
     #[error("policies: expected a trace, or a URL with a scene and a path, found neither")]
     NoTrace,
+    /// Builders.
+    #[error(transparent)]
+    Build(#[from] StudyError),
+    /// This program's own file.
+    #[error("expected to find this program's file, found {0}")]
+    Program(std::io::Error),
+    /// Cases that do not hold.
+    #[error("stability: expected every row to hold, found {failed} of {rows} that do not")]
+    Unstable {
+        /// Those that do not.
+        failed: usize,
+        /// All.
+        rows: usize,
+    },
     /// A file to be written.
     #[error("{file}: expected to write it, found {source}")]
     Write {
@@ -69,9 +92,69 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Load(arguments) => load_server(arguments)?,
         Command::Sample(sample) => make_sample(sample)?,
         Command::Compare(files) => compare_pictures(&files)?,
+        Command::Build(arguments) => return compare_builders(arguments, &cli.common),
+        Command::BuildMemory(arguments) => return build_memory(arguments),
+        Command::Stability { full, case } => return measure_stability(full, &case, &cli.common),
         Command::Report { folder } => json!({ "page": report::write(&folder)? }),
     };
     finish(&figures, &cli.common)
+}
+
+fn compare_builders(arguments: Build, common: &Common) -> Result<(), CommandError> {
+    let files = arguments.inputs.into_iter().map(MeshesOf::File);
+    let generated = arguments.generate.into_iter().map(MeshesOf::Generated);
+    let options = BuildStudyOptions {
+        inputs: files.chain(generated).collect(),
+        threads: arguments.threads,
+        runs: usize::from(arguments.runs),
+        largest: arguments.largest,
+        samples: arguments.samples,
+        knobs: arguments.knobs,
+        program: match arguments.no_memory {
+            true => None,
+            false => Some(std::env::current_exe().map_err(CommandError::Program)?),
+        },
+    };
+    let study = study::study(&options, |input| tracing::info!("building {input}"))?;
+    finish_text(&build_print::study(&study), &value(&study), common)
+}
+
+fn build_memory(arguments: BuildMemory) -> Result<(), CommandError> {
+    let memory = memory::measure(&MemoryOf {
+        input: arguments.input,
+        part: arguments.part,
+        builder: arguments.builder,
+        threads: arguments.threads,
+    })?;
+    println!("{}", value(&memory));
+    Ok(())
+}
+
+fn measure_stability(full: bool, case: &str, common: &Common) -> Result<(), CommandError> {
+    let sizes = if full { Sizes::FULL } else { Sizes::USUAL };
+    let table = stability::table(sizes, case, &BuildOptions::default(), |row| {
+        let (build, measure) = (row.build_secs, row.measure_secs);
+        tracing::info!("{}: {build:.2} s, measured in {measure:.2} s", row.case);
+    });
+    finish_text(&build_print::stability(&table), &value(&table), common)?;
+    match table.failed {
+        0 => Ok(()),
+        failed => Err(CommandError::Unstable {
+            failed,
+            rows: table.rows.len(),
+        }),
+    }
+}
+
+/// As [`finish`], for figures with a text of their own.
+fn finish_text(text: &str, figures: &Value, common: &Common) -> Result<(), CommandError> {
+    if !common.quiet {
+        print!("{text}");
+    }
+    match &common.report {
+        Some(file) => write(file, format!("{figures:#}\n").as_bytes()),
+        None => Ok(()),
+    }
 }
 
 fn finish(figures: &Value, common: &Common) -> Result<(), CommandError> {

@@ -1,10 +1,12 @@
 //! `report FOLDER`: the JSON files that the other commands wrote become one self-contained page of plots and tables.
 //!
 //! Files are told apart by their names: `build-*.json` (ingest), `draw-*.json` (render), `compare-*.json`, `play-*.json`,
-//! `policies-*.json`, `load-*.json`; pictures are `*.png`. A section without files is left out.
+//! `policies-*.json`, `load-*.json`, `builders-*.json` (`build`), `stability-*.json`; pictures are `*.png`. A section without files is left out.
 
+mod builders;
 mod plot;
 mod sections;
+mod stability;
 
 use std::fs;
 use std::path::{Path, PathBuf};

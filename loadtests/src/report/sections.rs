@@ -2,13 +2,22 @@
 
 use std::fmt::Write;
 
-use super::{Plot, Run, Runs, Series, escape, number};
+use super::{Plot, Run, Runs, Series, builders, escape, number, stability};
 
 /// The sections in order.
-pub(super) const ALL: [fn(&Runs) -> String; 7] =
-    [pictures, build, draw, stream, pool, load, left_out];
+pub(super) const ALL: [fn(&Runs) -> String; 9] = [
+    pictures,
+    build,
+    builders::section,
+    stability::section,
+    draw,
+    stream,
+    pool,
+    load,
+    left_out,
+];
 
-fn section(title: &str, note: &str, body: String) -> String {
+pub(super) fn section(title: &str, note: &str, body: String) -> String {
     if body.is_empty() {
         return String::new();
     }
@@ -17,6 +26,39 @@ fn section(title: &str, note: &str, body: String) -> String {
         escape(title),
         escape(note)
     )
+}
+
+/// A table of JSON rows by `columns` (heading, key); left out without rows.
+pub(super) fn json_table<'a>(
+    rows: impl Iterator<Item = &'a serde_json::Value>,
+    columns: &[(&str, &str)],
+) -> String {
+    let mut body = String::new();
+    for row in rows {
+        let cells = columns.iter().map(|(_, key)| json_cell(&row[*key]));
+        let cells = cells.map(|cell| format!("<td>{}</td>", escape(&cell)));
+        let _ = write!(body, "<tr>{}</tr>", cells.collect::<String>());
+    }
+    if body.is_empty() {
+        return body;
+    }
+    let heads = columns
+        .iter()
+        .map(|(head, _)| format!("<th>{}</th>", escape(head)));
+    format!(
+        "<table><tr>{}</tr>{body}</table>",
+        heads.collect::<String>()
+    )
+}
+
+fn json_cell(value: &serde_json::Value) -> String {
+    match value {
+        serde_json::Value::Null => "–".into(),
+        serde_json::Value::String(text) => text.clone(),
+        serde_json::Value::Array(all) => all.iter().map(json_cell).collect::<Vec<_>>().join("; "),
+        serde_json::Value::Number(whole) if !whole.is_f64() => whole.to_string(),
+        value => value.as_f64().map_or_else(|| value.to_string(), number),
+    }
 }
 
 /// A table of `columns` (heading, cell); left out without rows.
@@ -50,7 +92,12 @@ fn at<'a>(path: &'a [&'a str]) -> impl Fn(&Run) -> Option<String> + 'a {
     move |run| run.number(path).map(number)
 }
 
-fn plot(title: &str, labels: [&str; 2], logarithmic: [bool; 2], series: Vec<Series>) -> String {
+pub(super) fn plot(
+    title: &str,
+    labels: [&str; 2],
+    logarithmic: [bool; 2],
+    series: Vec<Series>,
+) -> String {
     Plot {
         title: title.into(),
         x_label: labels[0].into(),
@@ -120,7 +167,7 @@ fn build(runs: &Runs) -> String {
     )
 }
 
-fn rows<'a>(run: &'a Run, key: &str) -> impl Iterator<Item = &'a serde_json::Value> {
+pub(super) fn rows<'a>(run: &'a Run, key: &str) -> impl Iterator<Item = &'a serde_json::Value> {
     run.json
         .get(key)
         .and_then(|rows| rows.as_array())

@@ -4,8 +4,8 @@
 
 mod city;
 mod glb;
-mod noise;
-mod number;
+pub(crate) mod noise;
+pub(crate) mod number;
 mod rock;
 mod surface;
 mod textures;

@@ -31,7 +31,7 @@ pub(super) fn noise(at: DVec3, seed: u32) -> f64 {
 }
 
 /// Octaves of noise, each twice as fine and half as high; in about `[-1, 1]`.
-pub(super) fn fractal(at: DVec3, seed: u32, octaves: u32) -> f64 {
+pub(crate) fn fractal(at: DVec3, seed: u32, octaves: u32) -> f64 {
     sum_octaves(at, seed, octaves, |value| value)
 }
 

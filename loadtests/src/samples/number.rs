@@ -7,11 +7,11 @@ use std::f64::consts::TAU;
 
 /// SplitMix64 (Steele, Lea, Flood: Fast Splittable Pseudorandom Number Generators, 2014).
 #[derive(Clone, Debug)]
-pub(super) struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
     /// A stream of its own for `seed` and `stream`, so that a change in one mesh leaves the others as they are.
-    pub(super) fn new(seed: u64, stream: u64) -> Self {
+    pub(crate) fn new(seed: u64, stream: u64) -> Self {
         Self(mix(seed ^ mix(stream.wrapping_add(0x9e37_79b9_7f4a_7c15))))
     }
 
@@ -21,17 +21,17 @@ impl Random {
     }
 
     /// In `[0, 1)`.
-    pub(super) fn unit(&mut self) -> f64 {
+    pub(crate) fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// In `[low, high)`.
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
     /// In `0..count`; 0 for a `count` of 0.
-    pub(super) fn below(&mut self, count: usize) -> usize {
+    pub(crate) fn below(&mut self, count: usize) -> usize {
         (self.unit() * count as f64) as usize
     }
 }
@@ -43,7 +43,7 @@ fn mix(mut z: u64) -> u64 {
 }
 
 /// Cosine and sine of an angle in turns, within 1e-9.
-pub(super) fn turn(turns: f64) -> (f64, f64) {
+pub(crate) fn turn(turns: f64) -> (f64, f64) {
     let quarter = (turns * 4.0).round();
     // At most an eighth of a turn, where these Taylor terms reach 1e-9.
     let x = (turns - quarter * 0.25) * TAU;
@@ -63,23 +63,23 @@ pub(super) fn turn(turns: f64) -> (f64, f64) {
 }
 
 /// To the nearest 1/1024: a power of two, so that the value is exact in f32 up to 16 km.
-pub(super) fn grid(value: f64) -> f64 {
+pub(crate) fn grid(value: f64) -> f64 {
     (value * 1024.0).round() / 1024.0
 }
 
 /// 0 below `low`, 1 above `high`, smooth between.
-pub(super) fn smoothstep(low: f64, high: f64, value: f64) -> f64 {
+pub(crate) fn smoothstep(low: f64, high: f64, value: f64) -> f64 {
     let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
 /// `a` at 0, `b` at 1.
-pub(super) fn lerp(a: f64, b: f64, t: f64) -> f64 {
+pub(crate) fn lerp(a: f64, b: f64, t: f64) -> f64 {
     a + (b - a) * t
 }
 
 /// A linear colour as RGBA bytes.
-pub(super) fn rgb(colour: [f64; 3]) -> [u8; 4] {
+pub(crate) fn rgb(colour: [f64; 3]) -> [u8; 4] {
     let byte = |value: f64| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
     [byte(colour[0]), byte(colour[1]), byte(colour[2]), 255]
 }

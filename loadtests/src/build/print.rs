@@ -1,0 +1,190 @@
+//! Figures as aligned text.
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::stability::Stability;
+use super::study::Study;
+use crate::report::number;
+
+/// A column: heading, and the key in a row of figures.
+type Column = (&'static str, &'static str);
+
+/// Rows under headings, text to the left and numbers to the right; missing figures are a dash.
+pub fn table<'a, T: Serialize + 'a>(
+    title: &str,
+    columns: &[Column],
+    rows: impl IntoIterator<Item = &'a T>,
+) -> String {
+    let mut lines: Vec<Vec<String>> = Vec::new();
+    for row in rows {
+        // Rows are plain structs with string keys: nothing in them can fail to serialize.
+        let row = serde_json::to_value(row).unwrap_or(Value::Null);
+        let cells = columns.iter().map(|(_, key)| cell(&row[key]));
+        lines.push(cells.collect());
+    }
+    if lines.is_empty() {
+        return String::new();
+    }
+    lines.insert(
+        0,
+        columns.iter().map(|(head, _)| head.to_string()).collect(),
+    );
+    let widths: Vec<usize> = (0..columns.len())
+        .map(|column| {
+            let widths = lines.iter().map(|line| line[column].chars().count());
+            widths.max().unwrap_or(0)
+        })
+        .collect();
+    let mut text = format!("{title}\n");
+    for line in &lines {
+        let cells = line.iter().zip(&widths).enumerate();
+        let cells = cells.map(|(column, (cell, width))| match column {
+            0 => format!("  {cell:<width$}"),
+            _ => format!("  {cell:>width$}"),
+        });
+        text += cells.collect::<String>().trim_end();
+        text.push('\n');
+    }
+    text
+}
+
+fn cell(value: &Value) -> String {
+    match value {
+        Value::Null => "-".into(),
+        Value::String(text) => text.clone(),
+        Value::Array(all) => all.iter().map(cell).collect::<Vec<_>>().join("; "),
+        Value::Number(whole) if !whole.is_f64() => whole.to_string(),
+        value => value.as_f64().map_or_else(|| value.to_string(), number),
+    }
+}
+
+/// The stability table.
+pub fn stability(stability: &Stability) -> String {
+    let mut text = table(
+        "stability",
+        &[
+            ("case", "case"),
+            ("triangles", "triangles"),
+            ("levels", "levels"),
+            ("roots", "root_clusters"),
+            ("open", "source_open_edges"),
+            ("opened", "opened_edges"),
+            ("grid m", "grid_metres"),
+            ("step m", "step_metres"),
+            ("groups", "measured"),
+            ("bounded", "bounded_share"),
+            ("below a step", "below_step"),
+            ("stored/measured", "ratio_p50"),
+            ("p95", "ratio_p95"),
+            ("s", "build_secs"),
+            ("outcome", "outcome"),
+            ("faults", "faults"),
+        ],
+        &stability.rows,
+    );
+    let (passed, failed) = (stability.passed, stability.failed);
+    text += &format!("{passed} rows pass, {failed} do not\n");
+    text
+}
+
+/// The study's tables.
+pub fn study(study: &Study) -> String {
+    let mut text = table(
+        "builders",
+        &[
+            ("input", "input"),
+            ("builder", "builder"),
+            ("thr", "threads"),
+            ("triangles", "triangles"),
+            ("build s", "build_secs"),
+            ("Mtri/s", "mtris_per_sec"),
+            ("Mtri/cpu s", "mtris_per_cpu_sec"),
+            ("total s", "total_secs"),
+            ("levels", "levels"),
+            ("groups", "groups"),
+            ("clusters", "clusters"),
+            ("fill", "fill"),
+            ("at 0", "fill_source"),
+            ("above", "fill_above"),
+            ("roots", "root_clusters"),
+            ("root tri", "root_triangles"),
+            ("dag/input", "dag_per_input"),
+            ("max vtx", "max_vertices"),
+            ("B/tri", "stored_bytes_per_triangle"),
+            ("peak B/tri", "peak_bytes_per_triangle"),
+            ("same bytes", "same_bytes"),
+            ("refused", "refused"),
+        ],
+        &study.rows,
+    );
+    text += &table(
+        "\nour triangles over clusterlod's at equal measured error (geometric means)",
+        &[
+            ("input", "input"),
+            ("levels, max", "levels_at_max"),
+            ("levels, rms", "levels_at_rms"),
+            ("worst, max", "worst_level_at_max"),
+            ("worst, rms", "worst_level_at_rms"),
+            ("cuts, max", "cuts_at_max"),
+            ("cuts, rms", "cuts_at_rms"),
+        ],
+        &study.equal_error,
+    );
+    text += &table(
+        "\nour groups: stored against measured error",
+        &[
+            ("input", "input"),
+            ("groups", "groups"),
+            ("measured", "measured"),
+            ("bounded", "bounded_share"),
+            ("unbounded", "unbounded"),
+            ("worst excess", "worst_excess"),
+            ("below a step", "below_step"),
+            ("stored/measured p50", "ratio_p50"),
+            ("p95", "ratio_p95"),
+        ],
+        &study.promises,
+    );
+    text += &table(
+        "\nopen edges over levels and uniform-error cuts",
+        &[
+            ("input", "input"),
+            ("builder", "builder"),
+            ("source", "source_open_edges"),
+            ("opened", "opened_edges"),
+        ],
+        &study.errors,
+    );
+    text += &table(
+        "\nour knobs; errors of a cut of a sixteenth of the triangles",
+        &[
+            ("input", "input"),
+            ("knob", "knob"),
+            ("setting", "setting"),
+            ("build s", "build_secs"),
+            ("total s", "total_secs"),
+            ("B/tri", "stored_bytes_per_triangle"),
+            ("max m", "max_metres"),
+            ("rms m", "rms_metres"),
+            ("refused", "refused"),
+        ],
+        &study.knobs,
+    );
+    for errors in &study.errors {
+        text += &table(
+            &format!("\n{}, {}: levels", errors.input, errors.builder),
+            &[
+                ("level", "by"),
+                ("triangles", "triangles"),
+                ("clusters", "clusters"),
+                ("stored m", "stored_metres"),
+                ("max m", "max_metres"),
+                ("rms m", "rms_metres"),
+                ("opened", "opened_edges"),
+            ],
+            &errors.levels,
+        );
+    }
+    text
+}
