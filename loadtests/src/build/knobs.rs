@@ -132,7 +132,7 @@ pub fn rows(
                 let wanted = triangles * TRIANGLE_SHARE;
                 row.max_metres = error_at(&levels, |cut| cut.max_metres, wanted);
                 row.rms_metres = error_at(&levels, |cut| cut.rms_metres, wanted);
-                let bytes = built.pack.len() + built.hierarchy_bytes.len();
+                let bytes = built.report.bytes.stored + built.report.bytes.hierarchy;
                 row.stored_bytes_per_triangle = bytes as f64 / triangles;
             }
             rows.push(row);

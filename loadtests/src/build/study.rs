@@ -235,8 +235,7 @@ fn time_and_shape(
             ours[index].push(run_ours(meshes, &BuildOptions::default(), pool, |built| {
                 own.extend(objects(&built).map(ContentHash::of));
                 if first {
-                    let bytes = [&built.pack, &built.hierarchy_bytes];
-                    stored_bytes += bytes.iter().map(|it| it.len() as u64).sum::<u64>();
+                    stored_bytes += built.report.bytes.stored + built.report.bytes.hierarchy;
                     match ClusterDag::of_asset(&built) {
                         Ok(dag) => shape = shape.plus(Shape::of(&dag)),
                         Err(source) => fault = Some(source),
@@ -277,8 +276,9 @@ fn time_and_shape(
     Ok(last)
 }
 
+/// The asset's object names the pack by its hash.
 fn objects(built: &BuiltAsset) -> impl Iterator<Item = &[u8]> {
-    [&built.asset_bytes, &built.hierarchy_bytes, &built.pack]
+    [&built.asset_bytes, &built.hierarchy_bytes]
         .into_iter()
         .map(Vec::as_slice)
 }

@@ -1,8 +1,8 @@
 //! Collapse: one place after another moves onto a neighbour, the cheapest first, until few enough triangles are left.
 //!
 //! All triangles round a place move with it, so whatever the order, edges are closed where they were closed, as long as
-//! locked places stay. Costs only grow as quadrics add up, so a cost worked out before a neighbour collapsed is a lower
-//! bound: it is worked out again when its turn comes, and not before.
+//! locked places stay. Costs only grow as quadrics add up, and attributes only add to them, so what an edge cost before a
+//! neighbour collapsed, and without attributes, is a lower bound: the whole is worked out when its turn comes, not before.
 
 use super::super::borders::{FREE, LOCKED, OPEN};
 use super::super::vertex::Grids;
@@ -29,22 +29,29 @@ const NONE: u16 = u16::MAX;
 /// How freely places may collapse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Freedom {
-    /// Seams stay seams, loose parts stay, and the surface stays as connected as it was.
+    /// Seams of texture coordinates and materials stay seams, loose parts stay, the surface stays as connected as it was.
     Kept,
-    /// Seams of attributes may be crossed at the price of their difference; parts may vanish.
+    /// Seams of texture coordinates may be crossed at the price of their difference; parts may vanish.
     Released,
 }
 
-/// An edge that waits for its turn.
+/// A place that may move onto a neighbour, and waits for its turn.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
-    ends: [u16; 2],
-    /// Times that something had collapsed onto the ends when the cost was worked out.
+    from: u16,
+    to: u16,
+    /// Times that something had collapsed onto the two when the cost was worked out; [`BOUND`] where only a bound is known.
     age: u32,
-    /// The first end moves onto the second, or the other way round.
-    backwards: bool,
-    /// The other way has been refused.
-    last_chance: bool,
+}
+
+const BOUND: u32 = u32::MAX;
+
+/// A live triangle round a place that stays when the place moves: the corner there, and the places of the other two.
+#[derive(Debug, Clone, Copy)]
+struct Kept {
+    triangle: u16,
+    corner: u8,
+    others: [u16; 2],
 }
 
 /// The state of a simplification; kept between groups.
@@ -72,8 +79,11 @@ pub(super) struct Collapser<const K: usize> {
     pub attribute_error_squared: f32,
     /// Whether a place on an open edge has moved.
     pub open_moved: bool,
+    /// Place of each vertex.
+    place_of: Vec<u16>,
     candidates: Vec<Candidate>,
     queue: Queue,
+    kept: Vec<Kept>,
     stamp: Vec<u32>,
     now: u32,
     around: Vec<Around>,
@@ -112,8 +122,10 @@ impl<const K: usize> Default for Collapser<K> {
             attribute_quadrics: Vec::new(),
             attribute_error_squared: 0.0,
             open_moved: false,
+            place_of: Vec::new(),
             candidates: Vec::new(),
             queue: Queue::default(),
+            kept: Vec::new(),
             stamp: Vec::new(),
             now: 0,
             around: Vec::new(),
@@ -129,6 +141,10 @@ impl<const K: usize> Collapser<K> {
         let vertices = mesh.welder.vertices.len();
         let triangles = mesh.triangles.len();
         refill(&mut self.moved_to, (0..places).map(|place| place as u16));
+        refill(
+            &mut self.place_of,
+            mesh.welder.place_of.iter().map(|&place| place as u16),
+        );
         refill(&mut self.corners, mesh.triangles.iter().copied());
         refill(&mut self.alive, std::iter::repeat_n(true, triangles));
         self.live = triangles;
@@ -230,42 +246,33 @@ impl<const K: usize> Collapser<K> {
 
     /// Collapses until at most `target` triangles are left or nothing more is allowed.
     pub fn run(&mut self, mesh: &GroupMesh, target: usize, freedom: Freedom, first: bool) {
-        self.enqueue(mesh, freedom, first);
+        self.enqueue(mesh, first);
         while self.live > target {
-            let Some(number) = self.queue.pop() else {
+            let Some((number, bucket)) = self.queue.pop() else {
                 return;
             };
             let candidate = self.candidates[number as usize];
-            let ends = candidate.ends.map(|end| self.find(end));
-            if ends[0] == ends[1] {
+            let (from, to) = (self.find(candidate.from), self.find(candidate.to));
+            if from == to {
                 continue;
             }
-            if candidate.ends != ends || candidate.age != self.age_of(ends) {
-                if let Some((cost, fresh)) = self.evaluate(mesh, ends, freedom) {
-                    self.candidates[number as usize] = fresh;
+            let age = self.age[from as usize] + self.age[to as usize];
+            if candidate.age != age || candidate.from != from || candidate.to != to {
+                let Some(cost) = self.cost(mesh, from, to, freedom) else {
+                    continue;
+                };
+                self.candidates[number as usize] = Candidate { from, to, age };
+                if Queue::bucket(cost) > bucket {
                     self.queue.push(number, cost);
-                }
-                continue;
-            }
-            let [from, to] = match candidate.backwards {
-                false => ends,
-                true => [ends[1], ends[0]],
-            };
-            if !self.collapse(mesh, from, to, freedom) && !candidate.last_chance {
-                if let Some(cost) = self.cost(mesh, to, from, freedom) {
-                    self.candidates[number as usize] = Candidate {
-                        backwards: !candidate.backwards,
-                        last_chance: true,
-                        ..candidate
-                    };
-                    self.queue.push(number, cost);
+                    continue;
                 }
             }
+            self.collapse(mesh, from, to, freedom);
         }
     }
 
-    /// Queues every live edge; the first time, open edges and seams also get their planes.
-    fn enqueue(&mut self, mesh: &GroupMesh, freedom: Freedom, first: bool) {
+    /// Queues every live edge, both ways, at what it costs at least; the first time, open edges and seams also get their planes.
+    fn enqueue(&mut self, mesh: &GroupMesh, first: bool) {
         self.candidates.clear();
         let mut around = std::mem::take(&mut self.around);
         let mut slots = std::mem::take(&mut self.slots);
@@ -282,7 +289,7 @@ impl<const K: usize> Collapser<K> {
                 if self.alive[triangle] {
                     let vertices = self.triangle(triangle);
                     for (side, along) in [((k + 1) % 3, true), ((k + 2) % 3, false)] {
-                        let neighbour = self.place(mesh, vertices[side]);
+                        let neighbour = self.place(vertices[side]);
                         let slot = &mut slots[neighbour as usize];
                         if self.stamp[neighbour as usize] != self.now {
                             self.stamp[neighbour as usize] = self.now;
@@ -312,30 +319,31 @@ impl<const K: usize> Collapser<K> {
                 if first {
                     self.add_edge_planes(mesh, place, edge);
                 }
-                self.candidates.push(Candidate {
-                    ends: [place, edge.neighbour],
-                    age: 0,
-                    backwards: false,
-                    last_chance: false,
-                });
+                for (from, to) in [(place, edge.neighbour), (edge.neighbour, place)] {
+                    if may_move(mesh, from, to) {
+                        self.candidates.push(Candidate {
+                            from,
+                            to,
+                            age: BOUND,
+                        });
+                    }
+                }
             }
         }
         self.around = around;
         self.slots = slots;
         self.queue.clear(self.candidates.len());
-        for number in 0..self.candidates.len() {
-            let ends = self.candidates[number].ends;
-            if let Some((cost, fresh)) = self.evaluate(mesh, ends, freedom) {
-                self.candidates[number] = fresh;
-                self.queue.push(number as u32, cost);
-            }
+        for (number, candidate) in (0..).zip(&self.candidates) {
+            let bound = self.distance_cost(mesh, candidate.from, candidate.to);
+            self.queue.push(number, bound);
         }
     }
 
     /// Planes that hold an open edge or a seam in place, upright on its triangle.
     fn add_edge_planes(&mut self, mesh: &GroupMesh, place: u16, edge: &Around) {
         let open = edge.along[0] == NONE || edge.against[0] == NONE;
-        if !open && edge.along == edge.against {
+        let differs = |end: usize| seam(mesh, edge.along[end], edge.against[end]);
+        if !open && !differs(0) && !differs(1) {
             return;
         }
         let [a, b] = [place, edge.neighbour].map(|place| place as usize);
@@ -362,10 +370,13 @@ impl<const K: usize> Collapser<K> {
     }
 
     pub fn find(&self, mut place: u16) -> u16 {
-        while self.moved_to[place as usize] != place {
-            place = self.moved_to[place as usize];
+        loop {
+            let next = self.moved_to[place as usize];
+            if next == place {
+                return place;
+            }
+            place = next;
         }
-        place
     }
 
     /// Whether something has collapsed onto a place, and it is still there.
@@ -373,45 +384,22 @@ impl<const K: usize> Collapser<K> {
         self.moved_to[place as usize] == place && self.age[place as usize] > 0
     }
 
-    fn age_of(&self, [a, b]: [u16; 2]) -> u32 {
-        self.age[a as usize] + self.age[b as usize]
-    }
-
-    /// The cheaper way to collapse an edge, if any is allowed.
-    fn evaluate(
-        &self,
-        mesh: &GroupMesh,
-        ends: [u16; 2],
-        freedom: Freedom,
-    ) -> Option<(f32, Candidate)> {
-        let forwards = self.cost(mesh, ends[0], ends[1], freedom);
-        let backwards = self.cost(mesh, ends[1], ends[0], freedom);
-        let fresh = |backwards: bool, last_chance: bool| Candidate {
-            ends,
-            age: self.age_of(ends),
-            backwards,
-            last_chance,
-        };
-        match (forwards, backwards) {
-            (None, None) => None,
-            (Some(cost), None) => Some((cost, fresh(false, true))),
-            (None, Some(cost)) => Some((cost, fresh(true, true))),
-            (Some(there), Some(back)) if there <= back => Some((there, fresh(false, false))),
-            (Some(_), Some(back)) => Some((back, fresh(true, false))),
-        }
+    /// What it costs at least to move `from` onto `to`: the attributes come on top.
+    fn distance_cost(&self, mesh: &GroupMesh, from: u16, to: u16) -> f32 {
+        let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
+        let quadric = &self.quadrics[from as usize];
+        quadric.at(offset)
+            + self.quadrics[to as usize].c
+            + LENGTH_WEIGHT * quadric.weight * dot(offset, offset)
     }
 
     /// What it costs to move all of `from` onto `to`; `None` where that is not allowed whatever lies round it.
     fn cost(&self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> Option<f32> {
-        let (from_rule, to_rule) = (mesh.rules[from as usize], mesh.rules[to as usize]);
-        if from_rule == LOCKED || from_rule == OPEN && to_rule == FREE {
+        if !may_move(mesh, from, to) {
             return None;
         }
+        let mut cost = self.distance_cost(mesh, from, to);
         let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
-        let quadric = &self.quadrics[from as usize];
-        let mut cost = quadric.at(offset)
-            + self.quadrics[to as usize].c
-            + LENGTH_WEIGHT * quadric.weight * dot(offset, offset);
         let first = self.first_vertex(mesh, from);
         if self.ring[first as usize] == first {
             // One vertex: any vertex of the other end that shares a triangle with it takes its corners.
@@ -419,7 +407,7 @@ impl<const K: usize> Collapser<K> {
                 let target = self.first_vertex(mesh, to);
                 let target = match self.ring[target as usize] == target {
                     true => target,
-                    false => self.partner(mesh, from, to)?,
+                    false => self.partner(from, to)?,
                 };
                 cost += self.attribute_cost(offset, first, target);
             }
@@ -456,17 +444,17 @@ impl<const K: usize> Collapser<K> {
         self.corners[triangle]
     }
 
-    fn place(&self, mesh: &GroupMesh, vertex: u16) -> u16 {
-        mesh.welder.place_of[vertex as usize] as u16
+    fn place(&self, vertex: u16) -> u16 {
+        self.place_of[vertex as usize]
     }
 
     /// The vertex of `to` in some triangle that it shares with `from`.
-    fn partner(&self, mesh: &GroupMesh, from: u16, to: u16) -> Option<u16> {
+    fn partner(&self, from: u16, to: u16) -> Option<u16> {
         self.star(from).find_map(|(triangle, _)| {
             let vertices = self.triangle(triangle);
             vertices
                 .into_iter()
-                .find(|&vertex| self.place(mesh, vertex) == to)
+                .find(|&vertex| self.place(vertex) == to)
         })
     }
 
@@ -485,22 +473,25 @@ impl<const K: usize> Collapser<K> {
         })
     }
 
-    /// For every vertex of `from` the one of `to` that takes its corners: of the triangle that both share, or where seams
-    /// are released the one of the same material whose attributes are nearest.
+    /// For every vertex of `from` the one of `to` that takes its corners: of the triangle that both share, else the nearest
+    /// one in attributes on the same side of all seams, else, where seams are released, of the same material.
     fn pairs(&self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> Option<Pairs> {
         let mut pairs = [[NONE; 2]; MOST_WEDGES];
         let mut count = 0;
         for (triangle, k) in self.star(from) {
-            let vertices = self.triangle(triangle);
+            let vertices = self.corners[triangle];
             let shared = (1..3)
                 .map(|step| vertices[(k + step) % 3])
-                .find(|&vertex| self.place(mesh, vertex) == to);
+                .find(|&vertex| self.place(vertex) == to);
             let Some(target) = shared else { continue };
             let own = vertices[k];
             match pairs[..count].iter().find(|pair| pair[0] == own) {
-                // The same vertex here, two there: the seam begins at this place.
-                Some(pair) if pair[1] != target && freedom == Freedom::Kept => return None,
-                Some(_) => {}
+                // The same vertex here, two there: a seam begins at this place.
+                Some(pair) => {
+                    if freedom == Freedom::Kept && seam(mesh, pair[1], target) {
+                        return None;
+                    }
+                }
                 None if count == MOST_WEDGES => return None,
                 None => {
                     pairs[count] = [own, target];
@@ -511,15 +502,29 @@ impl<const K: usize> Collapser<K> {
         if count == 0 {
             return None;
         }
+        let sharing = count;
         let first = self.first_vertex(mesh, from);
         let mut vertex = first;
         loop {
             let used = self.uses[vertex as usize] > 0;
             if used && !pairs[..count].iter().any(|pair| pair[0] == vertex) {
-                if freedom == Freedom::Kept || count == MOST_WEDGES {
+                if count == MOST_WEDGES {
                     return None;
                 }
-                pairs[count] = [vertex, self.nearest_vertex(mesh, vertex, to)?];
+                let beside = pairs[..sharing]
+                    .iter()
+                    .find(|pair| !seam(mesh, pair[0], vertex));
+                let target = match beside {
+                    Some(pair) => self.nearest_vertex(mesh, vertex, to, |other| {
+                        !seam(mesh, other, pair[1])
+                    }),
+                    None if freedom == Freedom::Kept => None,
+                    None => {
+                        let slot = |vertex: u16| mesh.welder.vertices[vertex as usize].1;
+                        self.nearest_vertex(mesh, vertex, to, |other| slot(other) == slot(vertex))
+                    }
+                };
+                pairs[count] = [vertex, target?];
                 count += 1;
             }
             vertex = self.ring[vertex as usize];
@@ -529,13 +534,19 @@ impl<const K: usize> Collapser<K> {
         }
     }
 
-    fn nearest_vertex(&self, mesh: &GroupMesh, own: u16, to: u16) -> Option<u16> {
-        let material = mesh.welder.vertices[own as usize].1;
+    /// The vertex of `to`, of those that are `fit`, whose attributes are nearest.
+    fn nearest_vertex(
+        &self,
+        mesh: &GroupMesh,
+        own: u16,
+        to: u16,
+        fit: impl Fn(u16) -> bool,
+    ) -> Option<u16> {
         let first = self.first_vertex(mesh, to);
         let mut best = None;
         let mut vertex = first;
         loop {
-            if mesh.welder.vertices[vertex as usize].1 == material {
+            if fit(vertex) {
                 let away: f32 = match K {
                     0 => 0.0,
                     _ => self.change(own, vertex).iter().map(|x| x * x).sum(),
@@ -552,48 +563,49 @@ impl<const K: usize> Collapser<K> {
     }
 
     /// Moves all of `from` onto `to`, unless that would flip a triangle, or pinch the surface.
-    fn collapse(&mut self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> bool {
-        let Some((pairs, count)) = self.pairs(mesh, from, to, freedom) else {
-            return false;
-        };
-        if !self.allowed(mesh, from, to, freedom) {
-            return false;
+    fn collapse(&mut self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) {
+        let mut kept = std::mem::take(&mut self.kept);
+        if let Some((pairs, count)) = self.allowed(mesh, from, to, freedom, &mut kept) {
+            self.apply(mesh, from, to, &pairs[..count], &kept);
         }
+        self.kept = kept;
+    }
+
+    fn apply(&mut self, mesh: &GroupMesh, from: u16, to: u16, pairs: &[[u16; 2]], kept: &[Kept]) {
         let mut corner = self.head[from as usize];
         while corner != NONE {
-            let (triangle, k) = (corner as usize / 3, corner as usize % 3);
+            let triangle = corner as usize / 3;
             corner = self.next[corner as usize];
-            if !self.alive[triangle] {
-                continue;
-            }
             let vertices = self.corners[triangle];
-            if vertices
-                .iter()
-                .any(|&vertex| self.place(mesh, vertex) == to)
-            {
+            if self.alive[triangle] && vertices.iter().any(|&vertex| self.place(vertex) == to) {
                 self.alive[triangle] = false;
                 self.live -= 1;
-                vertices
-                    .iter()
-                    .for_each(|&vertex| self.uses[vertex as usize] -= 1);
-                continue;
-            }
-            let own = vertices[k];
-            if let Some(pair) = pairs[..count].iter().find(|pair| pair[0] == own) {
-                self.corners[triangle][k] = pair[1];
-                self.uses[own as usize] -= 1;
-                self.uses[pair[1] as usize] += 1;
+                for vertex in vertices {
+                    self.uses[vertex as usize] -= 1;
+                }
             }
         }
-        let (head, tail) = (self.head[from as usize], self.tail[from as usize]);
-        let end = self.tail[to as usize];
-        self.next[end as usize] = head;
-        self.tail[to as usize] = tail;
+        // Only live corners move to the other list.
+        let mut end = self.tail[to as usize];
+        for own in kept {
+            let (triangle, k) = (own.triangle as usize, own.corner as usize);
+            let vertex = self.corners[triangle][k];
+            if let Some(pair) = pairs.iter().find(|pair| pair[0] == vertex) {
+                self.corners[triangle][k] = pair[1];
+                self.uses[vertex as usize] -= 1;
+                self.uses[pair[1] as usize] += 1;
+            }
+            let corner = own.triangle * 3 + own.corner as u16;
+            self.next[end as usize] = corner;
+            end = corner;
+        }
+        self.next[end as usize] = NONE;
+        self.tail[to as usize] = end;
         let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
         let moved = self.quadrics[from as usize].moved(offset);
         self.quadrics[to as usize].add(&moved);
         if K > 0 {
-            for &[own, target] in &pairs[..count] {
+            for &[own, target] in pairs {
                 let change = self.change(own, target);
                 let moved = self.attribute_quadrics[own as usize].moved(offset, &change);
                 let sum = &mut self.attribute_quadrics[target as usize];
@@ -608,74 +620,110 @@ impl<const K: usize> Collapser<K> {
         self.moved_to[from as usize] = to;
         self.age[to as usize] += 1;
         self.open_moved |= mesh.rules[from as usize] == OPEN;
-        true
     }
 
-    fn allowed(&mut self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> bool {
-        self.now += 1;
+    /// Whether `from` may move onto `to` with what lies round it now; gives the vertices' pairs and fills `kept`.
+    fn allowed(
+        &mut self,
+        mesh: &GroupMesh,
+        from: u16,
+        to: u16,
+        freedom: Freedom,
+        kept: &mut Vec<Kept>,
+    ) -> Option<Pairs> {
+        kept.clear();
         let mut opposite = [NONE; 8];
-        let (mut dying, mut kept) = (0, 0);
+        let mut dying = 0;
         for (triangle, k) in self.star(from) {
-            let vertices = self.triangle(triangle);
-            let others = [1, 2].map(|step| self.place(mesh, vertices[(k + step) % 3]));
+            let vertices = self.corners[triangle];
+            let others = [
+                self.place(vertices[(k + 1) % 3]),
+                self.place(vertices[(k + 2) % 3]),
+            ];
             let third = match others {
                 [a, b] if a == to => b,
                 [a, b] if b == to => a,
                 _ => {
-                    kept += 1;
-                    let at = |place: u16| mesh.positions[place as usize];
-                    if flips(at(from), at(to), others.map(at)) {
-                        return false;
-                    }
+                    kept.push(Kept {
+                        triangle: triangle as u16,
+                        corner: k as u8,
+                        others,
+                    });
                     continue;
                 }
             };
             if dying == opposite.len() {
-                return false;
+                return None;
             }
             opposite[dying] = third;
             dying += 1;
         }
-        if dying == 0 {
-            return false;
-        }
+        let strict = freedom == Freedom::Kept;
         // A place on an open edge moves along an open edge, which has one triangle.
-        if mesh.rules[from as usize] == OPEN && dying != 1 && freedom == Freedom::Kept {
-            return false;
+        let leaves_edge = mesh.rules[from as usize] == OPEN && dying != 1;
+        if dying == 0 || strict && (kept.is_empty() || leaves_edge) {
+            return None;
         }
-        if freedom == Freedom::Released {
-            return true;
+        let at = |place: u16| mesh.positions[place as usize];
+        let (before, after) = (at(from), at(to));
+        if kept
+            .iter()
+            .any(|own| flips(before, after, own.others.map(at)))
+        {
+            return None;
         }
-        if kept == 0 {
-            return false;
+        if strict && self.pinches(from, to, &opposite[..dying], kept) {
+            return None;
         }
-        // The link condition (Dey et al., "Topology preserving edge contraction", 1999): no neighbour in common but
-        // across the triangles that go, or the surface would be pinched.
-        let now = self.now;
+        self.pairs(mesh, from, to, freedom)
+    }
+
+    /// The link condition (Dey et al., "Topology preserving edge contraction", 1999): the two ends have no neighbour in
+    /// common but across the triangles that go, or the surface would be pinched.
+    fn pinches(&mut self, from: u16, to: u16, opposite: &[u16], kept: &[Kept]) -> bool {
+        self.now += 1;
+        for own in kept {
+            for place in own.others {
+                if !opposite.contains(&place) {
+                    self.stamp[place as usize] = self.now;
+                }
+            }
+        }
+        // Dead corners go from the list on the way.
+        let mut last = NONE;
         let mut corner = self.head[to as usize];
+        let mut found = false;
         while corner != NONE {
+            let next = self.next[corner as usize];
             let triangle = corner as usize / 3;
-            corner = self.next[corner as usize];
             if self.alive[triangle] {
                 for vertex in self.corners[triangle] {
-                    let place = self.place(mesh, vertex);
-                    self.stamp[place as usize] = now;
+                    let place = self.place(vertex);
+                    found |= self.stamp[place as usize] == self.now && place != to && place != from;
                 }
+                last = corner;
+            } else if last != NONE && next != NONE {
+                self.next[last as usize] = next;
             }
+            corner = next;
         }
-        for (triangle, _) in self.star(from) {
-            for vertex in self.triangle(triangle) {
-                let place = self.place(mesh, vertex);
-                if self.stamp[place as usize] == now
-                    && place != from
-                    && place != to
-                    && !opposite[..dying].contains(&place)
-                {
-                    return false;
-                }
-            }
-        }
-        true
+        found
+    }
+}
+
+/// Whether two vertices of one place lie on different sides of a seam of texture coordinates or materials. Normals and
+/// colours that differ are no seam: crossing costs what they differ by.
+fn seam(mesh: &GroupMesh, a: u16, b: u16) -> bool {
+    let [a, b] = [a, b].map(|vertex| &mesh.welder.vertices[vertex as usize]);
+    a.0.uv != b.0.uv || a.1 != b.1
+}
+
+/// Whether the rules let `from` move onto `to`.
+fn may_move(mesh: &GroupMesh, from: u16, to: u16) -> bool {
+    match (mesh.rules[from as usize], mesh.rules[to as usize]) {
+        (LOCKED, _) => false,
+        (OPEN, to) => to != FREE,
+        _ => true,
     }
 }
 

@@ -19,6 +19,10 @@ use witness::{Court, Testimony};
 
 /// A result with more of the triangles left is not worth a level.
 const MOST_LEFT: f64 = 0.85;
+/// Sweeps over the edges that a group gets before seams are released.
+const MOST_SWEEPS: usize = 4;
+/// Another sweep follows one that left at most this share of the triangles.
+const WORTH_A_SWEEP: f64 = 0.98;
 /// A result with at most this share of the triangles left needs no freer attempt.
 const GOOD_ENOUGH: f64 = 0.6;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
@@ -153,7 +157,16 @@ fn collapse<const K: usize>(
     let edge = mesh.typical_edge(&mesh.triangles);
     let weights = mesh.weights(job.grids, edge);
     state.start(mesh, job.grids, &weights);
-    state.run(mesh, target, Freedom::Kept, true);
+    let mut left = before;
+    for sweep in 0..MOST_SWEEPS {
+        state.run(mesh, target, Freedom::Kept, sweep == 0);
+        // What was refused may be allowed now that its neighbours have moved.
+        if state.live <= target || state.live as f64 > WORTH_A_SWEEP * left as f64 {
+            break;
+        }
+        left = state.live;
+    }
+    if std::env::var("DBG").is_ok() && state.live > target { eprintln!("level {} before {} target {} live {}", job.level, before, target, state.live); }
     if state.live as f64 > GOOD_ENOUGH * before as f64 {
         state.run(mesh, target, Freedom::Released, false);
     }

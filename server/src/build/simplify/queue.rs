@@ -40,19 +40,24 @@ impl Queue {
         self.next.resize(count, NONE);
     }
 
-    pub fn push(&mut self, number: u32, cost: f32) {
-        // Rounding may leave a cost a little below 0.
-        let bucket = match cost > 0.0 {
+    /// Number of the bucket of a cost. Rounding may leave a cost a little below 0.
+    pub fn bucket(cost: f32) -> usize {
+        match cost > 0.0 {
             true => (cost.to_bits() >> SHIFT) as usize,
             false => 0,
-        };
+        }
+    }
+
+    pub fn push(&mut self, number: u32, cost: f32) {
+        let bucket = Self::bucket(cost);
         self.next[number as usize] = self.heads[bucket];
         self.heads[bucket] = number;
         self.filled[bucket / 64] |= 1 << (bucket % 64);
         self.words[bucket / 4096] |= 1 << (bucket / 64 % 64);
     }
 
-    pub fn pop(&mut self) -> Option<u32> {
+    /// Takes a number out of the cheapest bucket; gives the bucket too.
+    pub fn pop(&mut self) -> Option<(u32, usize)> {
         let group = self.words.iter().position(|&word| word != 0)?;
         let word = group * 64 + self.words[group].trailing_zeros() as usize;
         let bucket = word * 64 + self.filled[word].trailing_zeros() as usize;
@@ -64,7 +69,7 @@ impl Queue {
                 self.words[group] &= self.words[group] - 1;
             }
         }
-        Some(number)
+        Some((number, bucket))
     }
 }
 
@@ -84,7 +89,7 @@ mod tests {
         (0..costs.len() as u32).for_each(|i| queue.push(i, costs[i as usize]));
         let mut last = 0.0f32;
         let mut count = 0;
-        while let Some(number) = queue.pop() {
+        while let Some((number, _)) = queue.pop() {
             let cost = costs[number as usize];
             assert!(cost >= last * (1.0 - 1.0 / 16.0), "{cost} after {last}");
             last = last.max(cost);

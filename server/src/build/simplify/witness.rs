@@ -53,10 +53,14 @@ impl Court {
         for place in 0..origins.len() {
             let went_to = state.find(place as u16);
             let stayed = went_to as usize == place;
-            if stayed && mesh.positions[place] == origins[place] {
-                continue;
-            }
             let at = origins[place];
+            if stayed {
+                // It is no farther from the surface than it has moved.
+                let step = sub(mesh.positions[place], at);
+                if dot(step, step) <= ENOUGH * worst {
+                    continue;
+                }
+            }
             match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
                 Some((squared, triangle)) => {
                     let mut squared = squared;
@@ -131,7 +135,7 @@ impl Court {
     ) -> Option<(f32, usize)> {
         self.now += 1;
         let mut best: Option<(f32, usize)> = None;
-        self.visit(state, mesh, at, place, &mut best);
+        self.visit(state, mesh, at, place, enough, &mut best);
         loop {
             let (squared, triangle) = best?;
             if squared <= enough {
@@ -139,7 +143,7 @@ impl Court {
             }
             for vertex in state.corners[triangle] {
                 let place = mesh.welder.place_of[vertex as usize] as u16;
-                self.visit(state, mesh, at, place, &mut best);
+                self.visit(state, mesh, at, place, enough, &mut best);
             }
             if best.is_none_or(|(nearer, _)| nearer >= squared) {
                 return best;
@@ -153,6 +157,7 @@ impl Court {
         mesh: &GroupMesh,
         at: [f32; 3],
         place: u16,
+        enough: f32,
         best: &mut Option<(f32, usize)>,
     ) {
         for (triangle, _) in state.star(place) {
@@ -166,6 +171,9 @@ impl Court {
             let squared = to_triangle(at, &corners);
             if best.is_none_or(|(least, _)| squared < least) {
                 *best = Some((squared, triangle));
+                if squared <= enough {
+                    return;
+                }
             }
         }
     }
