@@ -35,13 +35,16 @@ pub(super) enum Freedom {
     Released,
 }
 
-/// A place that may move onto a neighbour, and waits for its turn.
+/// An edge that waits for its turn.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
-    from: u16,
-    to: u16,
-    /// Times that something had collapsed onto the two when the cost was worked out; [`BOUND`] where only a bound is known.
+    ends: [u16; 2],
+    /// Times that something had collapsed onto the ends when the cost was worked out; [`BOUND`] where only a bound is known.
     age: u32,
+    /// The second end moves onto the first.
+    backwards: bool,
+    /// The other way has been refused.
+    last_chance: bool,
 }
 
 const BOUND: u32 = u32::MAX;
@@ -252,26 +255,72 @@ impl<const K: usize> Collapser<K> {
                 return;
             };
             let candidate = self.candidates[number as usize];
-            let (from, to) = (self.find(candidate.from), self.find(candidate.to));
-            if from == to {
+            let ends = candidate.ends.map(|end| self.find(end));
+            if ends[0] == ends[1] {
                 continue;
             }
-            let age = self.age[from as usize] + self.age[to as usize];
-            if candidate.age != age || candidate.from != from || candidate.to != to {
-                let Some(cost) = self.cost(mesh, from, to, freedom) else {
+            let mut backwards = candidate.backwards;
+            let mut last_chance = candidate.last_chance;
+            let age = self.age[ends[0] as usize] + self.age[ends[1] as usize];
+            if candidate.age != age || candidate.ends != ends {
+                let Some((cost, back)) = self.cheaper(mesh, ends, freedom) else {
                     continue;
                 };
-                self.candidates[number as usize] = Candidate { from, to, age };
+                (backwards, last_chance) = (back, false);
+                self.candidates[number as usize] = Candidate {
+                    ends,
+                    age,
+                    backwards,
+                    last_chance,
+                };
                 if Queue::bucket(cost) > bucket {
                     self.queue.push(number, cost);
                     continue;
                 }
             }
-            self.collapse(mesh, from, to, freedom);
+            let [from, to] = turned(ends, backwards);
+            if !self.collapse(mesh, from, to, freedom) && !last_chance {
+                if let Some(cost) = self.cost(mesh, to, from, freedom) {
+                    self.candidates[number as usize] = Candidate {
+                        ends,
+                        age,
+                        backwards: !backwards,
+                        last_chance: true,
+                    };
+                    self.queue.push(number, cost);
+                }
+            }
         }
     }
 
-    /// Queues every live edge, both ways, at what it costs at least; the first time, open edges and seams also get their planes.
+    /// The cheaper way to collapse an edge, its cost and whether it is backwards.
+    fn cheaper(&self, mesh: &GroupMesh, ends: [u16; 2], freedom: Freedom) -> Option<(f32, bool)> {
+        let bound = |backwards: bool| {
+            let [from, to] = turned(ends, backwards);
+            match may_move(mesh, from, to) {
+                true => self.distance_cost(mesh, from, to),
+                false => f32::INFINITY,
+            }
+        };
+        let bounds = [bound(false), bound(true)];
+        let first = bounds[1] < bounds[0];
+        let cost = |backwards: bool| {
+            let [from, to] = turned(ends, backwards);
+            self.cost(mesh, from, to, freedom)
+        };
+        let own = cost(first);
+        let other_bound = bounds[usize::from(!first)];
+        if own.is_some_and(|own| own <= other_bound) {
+            return own.map(|own| (own, first));
+        }
+        match (own, cost(!first)) {
+            (Some(own), Some(other)) if own <= other => Some((own, first)),
+            (_, Some(other)) => Some((other, !first)),
+            (own, None) => own.map(|own| (own, first)),
+        }
+    }
+
+    /// Queues every live edge at what it costs at least; the first time, open edges and seams also get their planes.
     fn enqueue(&mut self, mesh: &GroupMesh, first: bool) {
         self.candidates.clear();
         let mut around = std::mem::take(&mut self.around);
@@ -319,14 +368,14 @@ impl<const K: usize> Collapser<K> {
                 if first {
                     self.add_edge_planes(mesh, place, edge);
                 }
-                for (from, to) in [(place, edge.neighbour), (edge.neighbour, place)] {
-                    if may_move(mesh, from, to) {
-                        self.candidates.push(Candidate {
-                            from,
-                            to,
-                            age: BOUND,
-                        });
-                    }
+                let ends = [place, edge.neighbour];
+                if may_move(mesh, ends[0], ends[1]) || may_move(mesh, ends[1], ends[0]) {
+                    self.candidates.push(Candidate {
+                        ends,
+                        age: BOUND,
+                        backwards: false,
+                        last_chance: false,
+                    });
                 }
             }
         }
@@ -334,8 +383,12 @@ impl<const K: usize> Collapser<K> {
         self.slots = slots;
         self.queue.clear(self.candidates.len());
         for (number, candidate) in (0..).zip(&self.candidates) {
-            let bound = self.distance_cost(mesh, candidate.from, candidate.to);
-            self.queue.push(number, bound);
+            let [a, b] = candidate.ends;
+            let bound = |from, to| match may_move(mesh, from, to) {
+                true => self.distance_cost(mesh, from, to),
+                false => f32::INFINITY,
+            };
+            self.queue.push(number, bound(a, b).min(bound(b, a)));
         }
     }
 
@@ -563,12 +616,14 @@ impl<const K: usize> Collapser<K> {
     }
 
     /// Moves all of `from` onto `to`, unless that would flip a triangle, or pinch the surface.
-    fn collapse(&mut self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) {
+    fn collapse(&mut self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> bool {
         let mut kept = std::mem::take(&mut self.kept);
-        if let Some((pairs, count)) = self.allowed(mesh, from, to, freedom, &mut kept) {
-            self.apply(mesh, from, to, &pairs[..count], &kept);
+        let allowed = self.allowed(mesh, from, to, freedom, &mut kept);
+        if let Some((pairs, count)) = &allowed {
+            self.apply(mesh, from, to, &pairs[..*count], &kept);
         }
         self.kept = kept;
+        allowed.is_some()
     }
 
     fn apply(&mut self, mesh: &GroupMesh, from: u16, to: u16, pairs: &[[u16; 2]], kept: &[Kept]) {
@@ -716,6 +771,13 @@ impl<const K: usize> Collapser<K> {
 fn seam(mesh: &GroupMesh, a: u16, b: u16) -> bool {
     let [a, b] = [a, b].map(|vertex| &mesh.welder.vertices[vertex as usize]);
     a.0.uv != b.0.uv || a.1 != b.1
+}
+
+fn turned(ends: [u16; 2], backwards: bool) -> [u16; 2] {
+    match backwards {
+        true => [ends[1], ends[0]],
+        false => ends,
+    }
 }
 
 /// Whether the rules let `from` move onto `to`.

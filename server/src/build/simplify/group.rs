@@ -6,8 +6,8 @@ use super::super::vertex::{Grids, Welder};
 use lodestream_format::cluster::Attributes;
 use lodestream_format::octahedral;
 
-/// Share of a triangle's size that a normal turned by one radian counts for.
-const NORMAL_WEIGHT: f32 = 0.5;
+/// Share of a triangle's size that a normal turned by one radian counts for: an arc whose ends turn so much rises so far.
+const NORMAL_WEIGHT: f32 = 0.125;
 /// Share of a texture's slide over the surface that counts as error.
 const UV_WEIGHT: f32 = 0.5;
 /// Share of a triangle's size that a full step of one colour channel counts for.

@@ -70,9 +70,9 @@ pub(super) struct Job<'a> {
 pub(super) struct Workspace {
     mesh: GroupMesh,
     plain: Collapser<0>,
-    four: Collapser<4>,
-    eight: Collapser<8>,
-    twelve: Collapser<12>,
+    three: Collapser<3>,
+    five: Collapser<5>,
+    nine: Collapser<9>,
     court: Court,
     origins: Vec<[f32; 3]>,
     clusterizer: Clusterizer,
@@ -90,18 +90,18 @@ impl Workspace {
         let Self {
             mesh,
             plain,
-            four,
-            eight,
-            twelve,
+            three,
+            five,
+            nine,
             court,
             origins,
             clusterizer,
         } = self;
         let result = match attribute_count(job.grids.attributes) {
             0 => collapse(plain, mesh, court, origins, job, target),
-            1..=4 => collapse(four, mesh, court, origins, job, target),
-            5..=8 => collapse(eight, mesh, court, origins, job, target),
-            _ => collapse(twelve, mesh, court, origins, job, target),
+            1..=3 => collapse(three, mesh, court, origins, job, target),
+            4..=5 => collapse(five, mesh, court, origins, job, target),
+            _ => collapse(nine, mesh, court, origins, job, target),
         };
         let result = match result {
             Some(result) => result,
@@ -166,7 +166,6 @@ fn collapse<const K: usize>(
         }
         left = state.live;
     }
-    if std::env::var("DBG").is_ok() && state.live > target { eprintln!("level {} before {} target {} live {}", job.level, before, target, state.live); }
     if state.live as f64 > GOOD_ENOUGH * before as f64 {
         state.run(mesh, target, Freedom::Released, false);
     }
