@@ -14,6 +14,40 @@ const NORMALIZED: &[Component] = &[FLOAT, (U8, Some(true)), (U16, Some(true))];
 const QUANTIZED: &[Component] = &[FLOAT, (I8, None), (U8, None), (I16, None), (U16, None)];
 const QUANTIZED_NORMAL: &[Component] = &[FLOAT, (I8, Some(true)), (I16, Some(true))];
 
+/// Which attributes a mesh has beside positions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Present {
+    pub(super) normals: bool,
+    pub(super) uvs: bool,
+    pub(super) colors: bool,
+}
+
+/// Warning for what [`unit_normal`] counts.
+pub(super) const RESCALED: &str = "normals brought to unit length";
+/// Warning for what [`finite_uv`] counts.
+pub(super) const REPLACED_UVS: &str = "texture coordinates that are not finite set to 0";
+
+/// `normal` at unit length, zero where that cannot be; counts those that were far from it.
+pub(super) fn unit_normal(normal: [f64; 3], rescaled: &mut u64) -> [f32; 3] {
+    /// The specification's validator allows this much; quantised normals stay below it.
+    const LENGTH_TOLERANCE: f64 = 0.02;
+    // In f64 no length of finite f32 overflows or vanishes.
+    let normal = DVec3::from(normal);
+    let length = normal.length();
+    if !length.is_finite() || length == 0.0 {
+        return [0.0; 3];
+    }
+    *rescaled += u64::from((length - 1.0).abs() > LENGTH_TOLERANCE);
+    (normal / length).as_vec3().to_array()
+}
+
+/// `uv`, zero where it is not finite; counts those.
+pub(super) fn finite_uv(uv: [f32; 2], replaced: &mut u64) -> [f32; 2] {
+    let finite = uv.iter().all(|it| it.is_finite());
+    *replaced += u64::from(!finite);
+    if finite { uv } else { [0.0; 2] }
+}
+
 /// Positions of the vertices `used`, all finite.
 pub(super) fn positions(
     document: &Document,
@@ -49,8 +83,6 @@ pub(super) fn normals(
     place: &str,
     warnings: &mut Warnings,
 ) -> Read<Vec<[f32; 3]>> {
-    /// The specification's validator allows this much; quantised normals stay below it.
-    const LENGTH_TOLERANCE: f64 = 0.02;
     let user = format!("{place}.attributes.NORMAL");
     let accessor = Accessor::open(document, accessor, &user)?;
     let components = if document.quantized {
@@ -60,18 +92,12 @@ pub(super) fn normals(
     };
     accessor.expect(&[3], components)?;
     let mut rescaled = 0;
-    let mut read = |&vertex: &u32| {
-        let normal = DVec3::from(accessor.floats(vertex as usize).map(f64::from));
-        // In f64 no length of finite f32 overflows or vanishes.
-        let length = normal.length();
-        if !length.is_finite() || length == 0.0 {
-            return [0.0; 3];
-        }
-        rescaled += u64::from((length - 1.0).abs() > LENGTH_TOLERANCE);
-        (normal / length).as_vec3().to_array()
+    let read = |&vertex: &u32| {
+        let normal = accessor.floats(vertex as usize).map(f64::from);
+        unit_normal(normal, &mut rescaled)
     };
-    let normals = used.iter().map(&mut read).collect();
-    warnings.add("normals brought to unit length", rescaled, place);
+    let normals = used.iter().map(read).collect();
+    warnings.add(RESCALED, rescaled, place);
     Ok(normals)
 }
 
@@ -94,18 +120,9 @@ pub(super) fn uvs(
     let mut replaced = 0;
     let uvs = used
         .iter()
-        .map(|&vertex| {
-            let uv: [f32; 2] = accessor.floats(vertex as usize);
-            let finite = uv.iter().all(|it| it.is_finite());
-            replaced += u64::from(!finite);
-            if finite { uv } else { [0.0; 2] }
-        })
+        .map(|&vertex| finite_uv(accessor.floats(vertex as usize), &mut replaced))
         .collect();
-    warnings.add(
-        "texture coordinates that are not finite set to 0",
-        replaced,
-        place,
-    );
+    warnings.add(REPLACED_UVS, replaced, place);
     Ok(uvs)
 }
 

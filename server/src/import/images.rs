@@ -113,6 +113,27 @@ impl<'a> Images<'a> {
     }
 }
 
+/// The image in the file `name` beside a mesh file, which `place` names; `None`, with a warning, where it cannot be had: such
+/// names are often stale.
+pub(super) fn beside(
+    name: &str,
+    folder: &Path,
+    place: &str,
+    warnings: &mut Warnings,
+) -> Read<Option<Image>> {
+    let loaded = uri::file_below(name, folder, place).and_then(|path| {
+        let bytes = std::fs::read(&path).map_err(|cause| cannot_read(place, &path, &cause))?;
+        measure(bytes, place, warnings)
+    });
+    match loaded {
+        Ok(image) => Ok(image),
+        Err(fault) => {
+            warnings.add(format!("images left out ({fault})"), 1, place);
+            Ok(None)
+        }
+    }
+}
+
 /// Tells the format by content and reads the size out of the header.
 fn measure(bytes: Vec<u8>, place: &str, warnings: &mut Warnings) -> Read<Option<Image>> {
     let media_type = match image::guess_format(&bytes) {

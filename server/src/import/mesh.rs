@@ -1,12 +1,13 @@
 //! Mesh: the primitives of one glTF mesh over one vertex array.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use super::Document;
 use super::attributes;
+use super::complete;
 use super::error::{Read, malformed};
 use super::nodes::Placed;
-use super::normals;
 use super::primitive::{self, PrimitiveTriangles, VertexSource};
 use super::scene::Mesh;
 use super::warnings::Warnings;
@@ -85,8 +86,9 @@ pub(super) fn build(document: &Document, index: usize) -> Read<BuiltMesh> {
             .unwrap_or_else(|| format!("mesh_{index}")),
         ..Mesh::default()
     };
-    merge_vertices(document, &mut primitives, &mut mesh, &place, &mut warnings)?;
-    merge_triangles(document, primitives, &mut mesh, &place, &mut warnings)?;
+    let given = merge_vertices(document, &mut primitives, &mut mesh, &place, &mut warnings)?;
+    let bare = merge_triangles(document, primitives, &mut mesh, &place, &mut warnings)?;
+    complete::complete(&mut mesh, given, &bare, &place, &mut warnings);
     Ok(BuiltMesh {
         mesh: Some(mesh),
         source_triangles,
@@ -103,14 +105,15 @@ struct Group {
     used: Vec<u32>,
 }
 
-/// Fills the vertex arrays and points the primitives' triangles into them.
+/// Fills the vertex arrays and points the primitives' triangles into them. Gives the file's normals, zero where there are
+/// none, nothing where no primitive has them.
 fn merge_vertices(
     document: &Document,
     primitives: &mut [PrimitiveTriangles],
     mesh: &mut Mesh,
     place: &str,
     warnings: &mut Warnings,
-) -> Read<()> {
+) -> Read<Vec<[f32; 3]>> {
     let groups = group(primitives, place)?;
     let any = |has: fn(&VertexSource) -> bool| groups.iter().any(|group| has(&group.source));
     let (any_normals, any_uvs, any_colors) = (
@@ -157,8 +160,7 @@ fn merge_vertices(
     }
     mesh.uvs = any_uvs.then_some(uvs);
     mesh.colors = any_colors.then_some(colors);
-    merge_normals(primitives, mesh, given_normals, place, warnings);
-    Ok(())
+    Ok(given_normals)
 }
 
 /// Gathers the primitives' vertices by source and numbers the triangles by the mesh's vertices to be.
@@ -256,93 +258,17 @@ impl Numbers {
     }
 }
 
-/// Mends the given normals, which are zero where they are unusable, and makes those of the primitives without.
-fn merge_normals(
-    primitives: &mut [PrimitiveTriangles],
-    mesh: &mut Mesh,
-    mut given: Vec<[f32; 3]>,
-    place: &str,
-    warnings: &mut Warnings,
-) {
-    let (bare, dressed): (Vec<_>, Vec<_>) = primitives
-        .iter_mut()
-        .partition(|primitive| primitive.source.normal.is_none());
-    let mut with_normals: Vec<[u32; 3]> = Vec::new();
-    for primitive in &dressed {
-        with_normals.extend(&primitive.triangles);
-    }
-    if bare.is_empty() {
-        let mended = normals::mend(&mesh.positions, &with_normals, &mut given);
-        warnings.add("normals of no length made anew", mended, place);
-        mesh.normals = Some(given);
-        return;
-    }
-    let mut without: Vec<[u32; 3]> = Vec::new();
-    for primitive in &bare {
-        without.extend(&primitive.triangles);
-    }
-    let made = normals::make(&mesh.positions, &mut without);
-
-    // The vertices with normals keep their order and come first; the made ones follow.
-    let mut sources = Vec::new();
-    let mut number = vec![0; mesh.positions.len()];
-    let mut is_kept = vec![false; mesh.positions.len()];
-    for &vertex in with_normals.iter().flatten() {
-        is_kept[vertex as usize] = true;
-    }
-    for vertex in (0..mesh.positions.len()).filter(|&vertex| is_kept[vertex]) {
-        number[vertex] = sources.len() as u32;
-        sources.push(vertex as u32);
-    }
-    let kept = sources.len() as u32;
-    sources.extend(&made.sources);
-    let mut all_normals: Vec<[f32; 3]> = Vec::with_capacity(sources.len());
-    all_normals.extend(
-        sources[..kept as usize]
-            .iter()
-            .map(|&it| given[it as usize]),
-    );
-    gather(mesh, &sources);
-    for primitive in dressed {
-        for corner in primitive.triangles.iter_mut().flatten() {
-            *corner = number[*corner as usize];
-        }
-    }
-    let mut made_triangles = without.into_iter();
-    for primitive in bare {
-        for (triangle, made) in primitive.triangles.iter_mut().zip(&mut made_triangles) {
-            *triangle = made.map(|corner| kept + corner);
-        }
-    }
-    let kept_triangles: Vec<[u32; 3]> = with_normals
-        .into_iter()
-        .map(|triangle| triangle.map(|corner| number[corner as usize]))
-        .collect();
-    let mended = normals::mend(&mesh.positions, &kept_triangles, &mut all_normals);
-    warnings.add("normals of no length made anew", mended, place);
-    all_normals.extend(made.normals);
-    mesh.normals = Some(all_normals);
-}
-
-/// Replaces the vertices by copies of `sources`.
-fn gather(mesh: &mut Mesh, sources: &[u32]) {
-    fn pick<T: Copy>(values: &[T], sources: &[u32]) -> Vec<T> {
-        sources.iter().map(|&at| values[at as usize]).collect()
-    }
-    mesh.positions = pick(&mesh.positions, sources);
-    mesh.uvs = mesh.uvs.take().map(|it| pick(&it, sources));
-    mesh.colors = mesh.colors.take().map(|it| pick(&it, sources));
-}
-
-/// Strings the primitives' triangles together and numbers their materials by slots.
+/// Strings the primitives' triangles together and numbers their materials by slots. Gives the ranges of triangles whose
+/// primitives have no normals.
 fn merge_triangles(
     document: &Document,
     primitives: Vec<PrimitiveTriangles>,
     mesh: &mut Mesh,
     place: &str,
     warnings: &mut Warnings,
-) -> Read<()> {
+) -> Read<Vec<Range<usize>>> {
     let materials = &document.root.materials;
+    let mut bare: Vec<Range<usize>> = Vec::new();
     let mut slot_of_material = HashMap::new();
     for primitive in primitives {
         let textured = primitive.material.is_some_and(|it| {
@@ -368,9 +294,16 @@ fn merge_triangles(
                 "more",
             ));
         };
-        let length = mesh.triangles.len() + primitive.triangles.len();
+        let start = mesh.triangles.len();
+        let length = start + primitive.triangles.len();
+        if primitive.source.normal.is_none() {
+            match bare.last_mut() {
+                Some(range) if range.end == start => range.end = length,
+                _ => bare.push(start..length),
+            }
+        }
         mesh.triangles.extend(primitive.triangles);
         mesh.triangle_materials.resize(length, slot);
     }
-    Ok(())
+    Ok(bare)
 }

@@ -13,6 +13,8 @@ use std::collections::HashMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::scene::Mesh;
+
 /// Cosine of 40 degrees: sharper edges than this stay sharp.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 /// Up to here every face around a position is compared with every other; beyond, by cells of like direction.
@@ -93,6 +95,16 @@ pub(super) fn mend(
         normals[vertex as usize] = unit(normal);
     }
     mended
+}
+
+/// Replaces the vertices, normals apart, by copies of `sources`.
+pub(super) fn gather(mesh: &mut Mesh, sources: &[u32]) {
+    fn pick<T: Copy>(values: &[T], sources: &[u32]) -> Vec<T> {
+        sources.iter().map(|&at| values[at as usize]).collect()
+    }
+    mesh.positions = pick(&mesh.positions, sources);
+    mesh.uvs = mesh.uvs.take().map(|it| pick(&it, sources));
+    mesh.colors = mesh.colors.take().map(|it| pick(&it, sources));
 }
 
 /// Corners by position. A corner is `3 * triangle + place in it`.
