@@ -93,10 +93,10 @@ impl<'a> Images<'a> {
             }
             Origin::View(view) => {
                 let buffers = self.document.buffers;
-                Ok(buffers
+                buffers
                     .view(self.document.root, *view, place)?
-                    .bytes
-                    .to_vec())
+                    .extent
+                    .to_vec()
             }
         }
     }

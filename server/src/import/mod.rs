@@ -36,6 +36,7 @@ mod buffers;
 mod color;
 mod complete;
 mod container;
+mod decompress;
 mod error;
 mod features;
 mod file;
@@ -50,6 +51,7 @@ mod opened;
 mod plain;
 mod ply;
 mod primitive;
+mod primitive_pieces;
 mod rows;
 mod scene;
 mod source;
@@ -82,7 +84,7 @@ pub use source::MeshSource;
 /// The document beside the bytes that its views cut out of: what every stage reads.
 struct Document<'a> {
     root: &'a Root,
-    buffers: &'a Buffers<'a>,
+    buffers: &'a Buffers,
     /// Integer positions, normals and unnormalised texture coordinates are allowed.
     quantized: bool,
 }
@@ -124,18 +126,7 @@ fn open_file(path: &Path, options: &OpenOptions) -> Read<OpenedScene> {
     };
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     match Format::of(path, &file)? {
-        Format::Gltf => {
-            let scene = read(&file.to_vec()?, folder, &name)?;
-            Ok(OpenedScene {
-                name: scene.name,
-                meshes: scene.meshes.into_iter().map(OpenedMesh::Loaded).collect(),
-                instances: scene.instances,
-                materials: scene.materials,
-                images: scene.images,
-                warnings: scene.warnings,
-                source_triangles: scene.source_triangles,
-            })
-        }
+        Format::Gltf => read_gltf(&file, folder, &name, options),
         Format::Obj => obj::read(&file, folder, &name),
         Format::Ply => ply::read(&file, folder, &name, options),
         Format::Stl => stl::read(&file, &name, options),
@@ -176,14 +167,14 @@ impl Format {
     }
 }
 
-/// Reads the glTF in `bytes`; `folder` holds its external files, `name` stands in for a scene without a name.
-fn read(bytes: &[u8], folder: &Path, name: &str) -> Read<ImportedScene> {
+/// Reads the glTF in `file`; `folder` holds its external files, `name` stands in for a scene without a name.
+fn read_gltf(file: &Extent, folder: &Path, name: &str, options: &OpenOptions) -> Read<OpenedScene> {
     let mut warnings = Warnings::default();
-    let container = container::split(bytes, &mut warnings)?;
-    let root = json::parse(container.json)?;
+    let container = container::split(file, &mut warnings)?;
+    let root = json::parse(&container.json)?;
     features::check(&root, &mut warnings)?;
 
-    let buffers = Buffers::load(&root, container.bin, folder)?;
+    let buffers = Buffers::open(&root, container.bin.as_ref(), folder)?;
     let document = Document {
         root: &root,
         buffers: &buffers,
@@ -191,11 +182,11 @@ fn read(bytes: &[u8], folder: &Path, name: &str) -> Read<ImportedScene> {
     };
     let placed = nodes::place(&document, &mut warnings)?;
     mesh::check_sharing(&document, &placed)?;
-    let built = build_meshes(&document, &placed)?;
+    let built = build_meshes(&document, &placed, options.max_mesh_bytes)?;
 
-    let mut scene = ImportedScene {
+    let mut scene = OpenedScene {
         name: placed.scene_name.clone().unwrap_or_else(|| name.to_owned()),
-        ..ImportedScene::default()
+        ..OpenedScene::default()
     };
     let mut mesh_of_source = vec![None; root.meshes.len()];
     let mut default_material = false;
@@ -204,7 +195,7 @@ fn read(bytes: &[u8], folder: &Path, name: &str) -> Read<ImportedScene> {
         scene.source_triangles += built.source_triangles;
         let Some(mesh) = built.mesh else { continue };
         default_material |= mesh
-            .material_slots
+            .material_slots()
             .iter()
             .any(|&material| material as usize == root.materials.len());
         mesh_of_source[source] = Some(scene.meshes.len() as u32);
@@ -229,13 +220,14 @@ fn read(bytes: &[u8], folder: &Path, name: &str) -> Read<ImportedScene> {
 fn build_meshes(
     document: &Document,
     placed: &nodes::Placed,
+    most_mesh_bytes: u64,
 ) -> Read<Vec<(usize, mesh::BuiltMesh)>> {
     let sources: Vec<usize> = (0..document.root.meshes.len())
         .filter(|&source| placed.mesh_used[source])
         .collect();
     let built: Vec<Read<mesh::BuiltMesh>> = sources
         .par_iter()
-        .map(|&source| mesh::build(document, source))
+        .map(|&source| mesh::build(document, source, most_mesh_bytes))
         .collect();
     sources
         .into_iter()
