@@ -533,11 +533,9 @@ fn no_cut_or_flipped_byte_panics() {
             );
         }
         for at in 0..whole.len() {
-            for flip in [0x01, 0x90] {
-                let mut bytes = whole.clone();
-                bytes[at] ^= flip;
-                let _ = answer(&bytes);
-            }
+            let mut bytes = whole.clone();
+            bytes[at] ^= 1 << (at * 5 % 8);
+            let _ = answer(&bytes);
         }
     }
 }

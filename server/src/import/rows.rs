@@ -5,8 +5,8 @@ use std::ops::Range;
 use super::error::Read;
 use super::file::Extent;
 
-/// Most bytes that one read takes.
-const BUFFER_BYTES: u64 = 1 << 20;
+/// Most bytes that one read takes: few enough to stay in the cache and on the heap, where the next read finds them again.
+const BUFFER_BYTES: u64 = 1 << 16;
 /// A gap up to here is read over: copying that much takes about as long as another call of the system.
 const GAP_BYTES: u64 = 1 << 14;
 
