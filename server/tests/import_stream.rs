@@ -128,8 +128,8 @@ const WIDE: u32 = 600;
 const HIGH: u32 = 500;
 
 /// A sheet of 600 000 triangles, more than two pieces, in a .gltf with a .bin beside it. `shuffled`: its triangles stand
-/// in an order that has nothing to do with that of its vertices.
-fn sheet(folder: &Path, shuffled: bool) -> PathBuf {
+/// in an order that has nothing to do with that of its vertices. `holes`: some of its normals have no length.
+fn sheet(folder: &Path, shuffled: bool, holes: bool) -> PathBuf {
     let row = WIDE + 1;
     let mut vertices = Vec::new();
     for y in 0..=HIGH {
@@ -137,7 +137,13 @@ fn sheet(folder: &Path, shuffled: bool) -> PathBuf {
             let z = ((x * 31 + y * 17) % 101) as f32 * 0.01;
             let (u, v) = (x as f32 / 600.0, y as f32 / 500.0);
             // Not of unit length, so that reading changes them.
-            vertices.extend([x as f32, y as f32, z, z, 1.0, 2.0, u, v]);
+            let normal = match holes && (x + y) % 29 == 0 {
+                true => [0.0; 3],
+                false => [z, 1.0, 2.0],
+            };
+            vertices.extend([x as f32, y as f32, z]);
+            vertices.extend(normal);
+            vertices.extend([u, v]);
         }
     }
     let mut triangles = Vec::new();
@@ -183,7 +189,7 @@ fn sheet(folder: &Path, shuffled: bool) -> PathBuf {
 fn pieces_of_one_large_primitive_are_the_loaded_mesh() {
     for shuffled in [false, true] {
         let folder = tempfile::tempdir().unwrap();
-        let path = sheet(folder.path(), shuffled);
+        let path = sheet(folder.path(), shuffled, false);
         assert_eq!(compare(&path, 1 << 20), 1);
         assert_eq!(compare(&path, u64::MAX), 0);
         let opened = open(
@@ -214,10 +220,28 @@ fn pieces_of_one_large_primitive_are_the_loaded_mesh() {
     }
 }
 
+/// Unusable normals are made from all triangles around them, those of other pieces included.
+#[test]
+fn normals_of_no_length_are_mended_over_all_pieces() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = sheet(folder.path(), true, true);
+    assert_eq!(compare(&path, 0), 1);
+    let opened = open(&path, &OpenOptions { max_mesh_bytes: 0 }).unwrap();
+    let OpenedMesh::Streamed(mesh) = &opened.meshes[0] else {
+        panic!("loaded");
+    };
+    mesh.piece(2).unwrap();
+    let notes = mesh.warnings();
+    let mended = notes
+        .iter()
+        .any(|it| it.starts_with("normals of no length made anew: "));
+    assert!(mended, "{notes:?}");
+}
+
 #[test]
 fn vertices_between_pieces_are_bit_by_bit_equal() {
     let folder = tempfile::tempdir().unwrap();
-    let path = sheet(folder.path(), false);
+    let path = sheet(folder.path(), false, false);
     let opened = open(&path, &OpenOptions { max_mesh_bytes: 0 }).unwrap();
     let pieces: Vec<_> = (0..2)
         .map(|at| opened.meshes[0].piece(at).unwrap())
@@ -245,7 +269,7 @@ fn vertices_between_pieces_are_bit_by_bit_equal() {
 #[test]
 fn faults_of_a_piece_name_file_and_place() {
     let folder = tempfile::tempdir().unwrap();
-    let path = sheet(folder.path(), false);
+    let path = sheet(folder.path(), false, false);
     let bin = folder.path().join("sheet.bin");
     let whole = std::fs::read(&bin).unwrap();
     let options = OpenOptions { max_mesh_bytes: 0 };

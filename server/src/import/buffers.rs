@@ -17,7 +17,7 @@ const SMALL_FILE_BYTES: u64 = 1 << 20;
 
 /// All buffers of a file, each exactly as long as the document says.
 pub(super) struct Buffers {
-    /// `None` for a buffer that only stands in for compressed views and has no bytes.
+    /// `None` for a buffer that only stands in for compressed views: it need not be there.
     buffers: Vec<Option<Extent>>,
     /// Decompressed views, each once.
     decompressed: Mutex<HashMap<usize, Extent>>,
@@ -39,12 +39,12 @@ impl Buffers {
         let mut buffers = Vec::with_capacity(root.buffers.len());
         for (at, buffer) in root.buffers.iter().enumerate() {
             let place = format!("buffers[{at}]");
+            if decompress::is_fallback(buffer) {
+                buffers.push(None);
+                continue;
+            }
             let whole = match (&buffer.uri, bin) {
-                (None, Some(bin)) if at == 0 && !decompress::is_fallback(buffer) => bin.clone(),
-                (None, _) if decompress::is_fallback(buffer) => {
-                    buffers.push(None);
-                    continue;
-                }
+                (None, Some(bin)) if at == 0 => bin.clone(),
                 (None, _) => {
                     let expected = "a uri, or in a .glb a binary chunk for the first buffer";
                     return Err(malformed(place, expected, "neither"));

@@ -58,14 +58,14 @@ fn split_glb(file: &Extent, warnings: &mut Warnings) -> Read<Container> {
     let what = "bytes after the end of the glb left out";
     warnings.add(what, rest, "header.length");
     let chunks = read_chunks(&glb)?;
-    let json = match chunks.first() {
-        Some((kind, json)) if kind == b"JSON" => utf8(json.to_vec()?)?,
-        Some((kind, _)) => {
-            let found = format!("\"{}\"", kind.escape_ascii());
-            return Err(malformed("chunk 0", "type \"JSON\"", found));
-        }
-        None => return Err(malformed("chunk 0", "a JSON chunk", "none")),
+    let Some((kind, json)) = chunks.first() else {
+        return Err(malformed("chunk 0", "a JSON chunk", "none"));
     };
+    if kind != b"JSON" {
+        let found = format!("\"{}\"", kind.escape_ascii());
+        return Err(malformed("chunk 0", "type \"JSON\"", found));
+    }
+    let json = utf8(json.to_vec()?)?;
     let mut bin = None;
     for (at, (kind, data)) in chunks.into_iter().enumerate().skip(1) {
         if &kind == b"BIN\0" && bin.is_none() {

@@ -43,6 +43,7 @@ mod file;
 mod images;
 mod json;
 mod materials;
+mod mender;
 mod mesh;
 mod nodes;
 mod normals;

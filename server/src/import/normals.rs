@@ -24,7 +24,7 @@ const CELLS_PER_SIDE: f64 = 32.0;
 /// Positions one task handles; fixed, so that the order of new vertices does not hang on the thread count.
 const POSITIONS_PER_TASK: usize = 8192;
 /// What a corner gets that touches no face with an area.
-const NO_FACE: [f32; 3] = [0.0, 0.0, 1.0];
+pub(super) const NO_FACE: [f32; 3] = [0.0, 0.0, 1.0];
 
 /// New vertices, each a copy of an old one with a normal.
 #[derive(Default)]
@@ -291,7 +291,7 @@ fn octahedral_cell(direction: DVec3) -> u32 {
 }
 
 /// Unit normal, counter-clockwise; zero where the area is zero.
-fn face_normal(positions: &[[f32; 3]], triangle: &[u32; 3]) -> [f32; 3] {
+pub(super) fn face_normal(positions: &[[f32; 3]], triangle: &[u32; 3]) -> [f32; 3] {
     let [a, b, c] = triangle.map(|vertex| position(positions, vertex));
     let normal = (b - a).cross(c - a);
     match normal == DVec3::ZERO {
@@ -301,7 +301,7 @@ fn face_normal(positions: &[[f32; 3]], triangle: &[u32; 3]) -> [f32; 3] {
 }
 
 /// Radians at a corner of a triangle; 0 where a side has no length.
-fn angle(positions: &[[f32; 3]], triangle: &[u32; 3], corner: usize) -> f64 {
+pub(super) fn angle(positions: &[[f32; 3]], triangle: &[u32; 3], corner: usize) -> f64 {
     let at = |step: usize| position(positions, triangle[(corner + step) % 3]);
     let (left, right) = (at(1) - at(0), at(2) - at(0));
     left.cross(right).length().atan2(left.dot(right))
@@ -312,7 +312,7 @@ fn position(positions: &[[f32; 3]], vertex: u32) -> DVec3 {
 }
 
 /// `vector` at unit length, `NO_FACE` where it has none.
-fn unit(vector: DVec3) -> [f32; 3] {
+pub(super) fn unit(vector: DVec3) -> [f32; 3] {
     // Scaled first: the square of a cross product of f32 denormals would vanish.
     let largest = vector.abs().max_element();
     if largest == 0.0 {

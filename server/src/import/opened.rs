@@ -4,11 +4,13 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use super::error::Read;
+use super::mender::Mender;
 use super::scene::{Image, ImportedScene, Instance, Material, Mesh};
 use super::source::MeshSource;
+use super::used::Used;
 use super::warnings::Warnings;
 use super::{ImportError, attributes};
 
@@ -165,20 +167,33 @@ pub(super) const PIECE_TRIANGLES: u64 = 1 << 18;
 pub(super) trait Pieces: Send + Sync {
     fn count(&self) -> usize;
 
-    /// The arrays of a piece; the mesh's name and slots are not its matter.
-    fn read(&self, index: usize, warnings: &mut Warnings) -> Read<Mesh>;
+    fn read(&self, index: usize, warnings: &mut Warnings) -> Read<Piece>;
+}
+
+/// A piece as its file has it.
+pub(super) struct Piece {
+    /// Without name and slots; unusable normals have no length.
+    pub(super) mesh: Mesh,
+    /// Which of the file's vertex arrays its vertices are of.
+    pub(super) array: u32,
+    /// Its vertices there; `None` where the file has none to speak of.
+    pub(super) used: Option<Used>,
 }
 
 /// A mesh that stays in its file. It holds open files and offsets, some kilobytes a million triangles.
 ///
 /// A piece has at most 2^18 triangles of the file's list, in its order, and its vertices in the order of first use. Pieces may be
 /// read in any order and by many threads at once. Normals stand in the pieces only where all of the mesh has them.
+///
+/// What a file holds compressed or inline is held in memory.
 pub struct StreamedMesh {
     name: String,
     material_slots: Vec<u32>,
     triangle_count: u64,
     file: PathBuf,
     pieces: Box<dyn Pieces>,
+    /// Made when the first piece needs it.
+    mender: Mutex<Option<Arc<Mender>>>,
     /// By piece: reading one again says the same again.
     notes: Mutex<BTreeMap<usize, Warnings>>,
 }
@@ -196,6 +211,7 @@ impl StreamedMesh {
             triangle_count,
             file: PathBuf::new(),
             pieces,
+            mender: Mutex::default(),
             notes: Mutex::default(),
         }
     }
@@ -229,12 +245,27 @@ impl StreamedMesh {
         self.notes.lock().unwrap_or_else(|held| held.into_inner())
     }
 
+    /// Other threads that need it wait for it.
+    fn mender(&self) -> Read<Arc<Mender>> {
+        let mut mender = self.mender.lock().unwrap_or_else(|held| held.into_inner());
+        if let Some(mender) = &*mender {
+            return Ok(mender.clone());
+        }
+        let made = Arc::new(Mender::new(&*self.pieces)?);
+        *mender = Some(made.clone());
+        Ok(made)
+    }
+
     fn read(&self, index: usize) -> Result<Mesh, ImportError> {
         let mut warnings = Warnings::default();
-        let mut mesh = self
-            .pieces
-            .read(index, &mut warnings)
-            .map_err(|fault| ImportError::new(&self.file, fault))?;
+        let mut read = || {
+            let mut piece = self.pieces.read(index, &mut warnings)?;
+            if Mender::is_needed(&piece) {
+                self.mender()?.mend(&mut piece, &mut warnings);
+            }
+            Ok(piece.mesh)
+        };
+        let mut mesh = read().map_err(|fault| ImportError::new(&self.file, fault))?;
         mesh.name.clone_from(&self.name);
         mesh.material_slots.clone_from(&self.material_slots);
         if !warnings.is_empty() {
@@ -281,18 +312,4 @@ pub(super) fn array_bytes(vertices: u64, triangles: u64, with: attributes::Prese
     vertices
         .saturating_mul(vertex_bytes)
         .saturating_add(triangles.saturating_mul(triangle_bytes))
-}
-
-/// Gives normals of no length a direction that does not hang on the piece, so that all pieces agree on it.
-pub(super) fn stand_in_normals(mesh: &mut Mesh, warnings: &mut Warnings) {
-    const UP: [f32; 3] = [0.0, 0.0, 1.0];
-    let mut replaced = 0;
-    for normal in mesh.normals.iter_mut().flatten() {
-        if *normal == [0.0; 3] {
-            *normal = UP;
-            replaced += 1;
-        }
-    }
-    let what = "normals of no length set to +Z in pieces";
-    warnings.add(what, replaced, "mesh");
 }

@@ -1,10 +1,12 @@
 //! Primitive pieces: a glTF mesh that stays in its file, read by ranges of its primitives' triangles.
 
+use std::collections::HashMap;
+
 use super::Document;
 use super::attributes::{Attributes, Present};
 use super::error::{Read, malformed};
 use super::mesh::Slots;
-use super::opened::{PIECE_TRIANGLES, Pieces, StreamedMesh, stand_in_normals};
+use super::opened::{PIECE_TRIANGLES, Piece, Pieces, StreamedMesh};
 use super::primitive::TrianglePrimitive;
 use super::scene::Mesh;
 use super::used::Used;
@@ -15,6 +17,8 @@ struct OpenPrimitive {
     primitive: TrianglePrimitive,
     attributes: Attributes,
     slot: u16,
+    /// A number for its source of vertices.
+    array: u32,
     /// The mesh's first piece that is of this primitive.
     first_piece: usize,
 }
@@ -42,11 +46,14 @@ pub(super) fn open(
         piece_count: 0,
     };
     let mut triangle_count = 0;
+    let mut arrays = HashMap::new();
     for primitive in primitives {
         let material = primitive.material.unwrap_or(document.root.materials.len());
+        let next_array = arrays.len() as u32;
         pieces.primitives.push(OpenPrimitive {
             attributes: Attributes::open(document, &primitive.source, &primitive.place)?,
             slot: slots.slot(material as u32, place)?,
+            array: *arrays.entry(primitive.source).or_insert(next_array),
             first_piece: pieces.piece_count,
             primitive,
         });
@@ -70,7 +77,7 @@ impl Pieces for PrimitivePieces {
         self.piece_count
     }
 
-    fn read(&self, index: usize, warnings: &mut Warnings) -> Read<Mesh> {
+    fn read(&self, index: usize, warnings: &mut Warnings) -> Read<Piece> {
         let after = self
             .primitives
             .partition_point(|it| it.first_piece <= index);
@@ -91,7 +98,10 @@ impl Pieces for PrimitivePieces {
         };
         let attributes = &open.attributes;
         attributes.read(&used, self.present, &mut mesh, &primitive.place, warnings)?;
-        stand_in_normals(&mut mesh, warnings);
-        Ok(mesh)
+        Ok(Piece {
+            mesh,
+            array: open.array,
+            used: Some(used),
+        })
     }
 }

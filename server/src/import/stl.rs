@@ -9,7 +9,7 @@ use super::attributes::Present;
 use super::error::{Read, cannot_read, malformed};
 use super::file::{Extent, Reader};
 use super::opened::{
-    OpenOptions, OpenedMesh, OpenedScene, PIECE_TRIANGLES, Pieces, StreamedMesh, array_bytes,
+    OpenOptions, OpenedMesh, OpenedScene, PIECE_TRIANGLES, Piece, Pieces, StreamedMesh, array_bytes,
 };
 use super::plain;
 use super::rows::Rows;
@@ -154,9 +154,14 @@ impl Pieces for Facets {
         self.count.div_ceil(PIECE_TRIANGLES) as usize
     }
 
-    fn read(&self, index: usize, warnings: &mut Warnings) -> Read<Mesh> {
+    fn read(&self, index: usize, warnings: &mut Warnings) -> Read<Piece> {
         let first = (index as u64 * PIECE_TRIANGLES).min(self.count);
-        self.mesh(first..(first + PIECE_TRIANGLES).min(self.count), warnings)
+        let range = first..(first + PIECE_TRIANGLES).min(self.count);
+        Ok(Piece {
+            mesh: self.mesh(range, warnings)?,
+            array: 0,
+            used: None,
+        })
     }
 }
 

@@ -15,7 +15,7 @@ use super::error::{Read, malformed};
 use super::file::Extent;
 use super::images;
 use super::opened::{
-    OpenOptions, OpenedMesh, OpenedScene, PIECE_TRIANGLES, Pieces, StreamedMesh, array_bytes,
+    OpenOptions, OpenedMesh, OpenedScene, PIECE_TRIANGLES, Piece, Pieces, StreamedMesh, array_bytes,
 };
 use super::plain;
 use super::scene::{Image, Material, Mesh};
@@ -56,7 +56,7 @@ pub(super) fn read(
     let mesh = match body.triangles {
         Triangles::InMemory(triangles) => {
             plain::check_triangle_count(triangles.len() as u64, "element face")?;
-            let mesh = mesh(triangles, &body.table, &mut warnings)?;
+            let (mesh, _) = mesh(triangles, &body.table, &mut warnings)?;
             loaded(mesh, name, &mut warnings)
         }
         Triangles::InFile { layout, pieces } => {
@@ -92,7 +92,11 @@ fn loaded(mut mesh: Mesh, name: &str, warnings: &mut Warnings) -> Option<OpenedM
 }
 
 /// `triangles` over the table's vertices, with what they use of it. Normals may be missing or of no length.
-fn mesh(mut triangles: Vec<[u32; 3]>, table: &Table, warnings: &mut Warnings) -> Read<Mesh> {
+fn mesh(
+    mut triangles: Vec<[u32; 3]>,
+    table: &Table,
+    warnings: &mut Warnings,
+) -> Read<(Mesh, Used)> {
     plain::drop_repeated(&mut triangles, "element face", warnings);
     let used = Used::by_first_use(&mut triangles);
     let mut mesh = Mesh {
@@ -101,7 +105,7 @@ fn mesh(mut triangles: Vec<[u32; 3]>, table: &Table, warnings: &mut Warnings) ->
         ..Mesh::default()
     };
     table.read(&used, &mut mesh, warnings)?;
-    Ok(mesh)
+    Ok((mesh, used))
 }
 
 /// What the header says of the body.
@@ -306,7 +310,7 @@ impl Pieces for FilePieces {
         self.starts.len()
     }
 
-    fn read(&self, index: usize, warnings: &mut Warnings) -> Read<Mesh> {
+    fn read(&self, index: usize, warnings: &mut Warnings) -> Read<Piece> {
         let (Some(start), Some(layout)) = (self.starts.get(index), &self.layout) else {
             let expected = format!("a piece below {}", self.starts.len());
             return Err(malformed("element face", expected, index));
@@ -327,8 +331,11 @@ impl Pieces for FilePieces {
             })?;
             face += 1;
         }
-        let mut piece = mesh(triangles, &self.table, warnings)?;
-        super::opened::stand_in_normals(&mut piece, warnings);
-        Ok(piece)
+        let (mesh, used) = mesh(triangles, &self.table, warnings)?;
+        Ok(Piece {
+            mesh,
+            array: 0,
+            used: Some(used),
+        })
     }
 }
