@@ -127,7 +127,8 @@ struct Facets {
 
 impl Facets {
     fn mesh(&self, range: std::ops::Range<u64>, warnings: &mut Warnings) -> Read<Mesh> {
-        let mut corners = Corners::new();
+        // In range: every facet has its bytes in the file.
+        let mut corners = Corners::new((range.end - range.start) as usize);
         let mut with_attribute = 0;
         let place = format!("facets from {}", range.start);
         self.rows.visit_range(range, |facet, bytes| {
@@ -172,10 +173,11 @@ struct Corners {
 }
 
 impl Corners {
-    fn new() -> Self {
+    /// `triangles`: about how many are awaited. A closed surface has half as many vertices.
+    fn new(triangles: usize) -> Self {
         Self {
-            weld: Weld::new(),
-            triangles: Vec::new(),
+            weld: Weld::new(triangles / 2),
+            triangles: Vec::with_capacity(triangles),
         }
     }
 
@@ -288,7 +290,7 @@ fn read_text(file: &Extent, warnings: &mut Warnings) -> Read<(Mesh, u64)> {
         reader: file.reader(0),
         line: 1,
     };
-    let mut corners = Corners::new();
+    let mut corners = Corners::new(0);
     loop {
         match words.next()?.as_str() {
             "" => break,

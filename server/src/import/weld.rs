@@ -11,10 +11,11 @@ pub(super) struct Weld {
 }
 
 impl Weld {
-    pub(super) fn new() -> Self {
+    /// `vertices`: about how many are awaited.
+    pub(super) fn new(vertices: usize) -> Self {
         Self {
-            number_of: HashMap::with_hasher(Seeded::new()),
-            positions: Vec::new(),
+            number_of: HashMap::with_capacity_and_hasher(vertices, Seeded::new()),
+            positions: Vec::with_capacity(vertices),
         }
     }
 
