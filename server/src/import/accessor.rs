@@ -1,6 +1,8 @@
 //! Accessor: elements of a buffer view as numbers, sparse ones laid over.
 //!
-//! `open` checks every range once; reading an element afterwards cannot leave the view.
+//! `open` checks every range once; reading elements afterwards cannot leave the view.
+
+use std::ops::Range;
 
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
@@ -8,9 +10,10 @@ use gltf::json::validation::Checked;
 use super::Document;
 use super::buffers::out_of_range;
 use super::error::{Read, malformed};
+use super::rows::Rows;
 
-/// The elements of one accessor.
-pub(super) struct Accessor<'a> {
+/// The elements of one accessor, in their file.
+pub(super) struct Accessor {
     /// `accessors[7]`
     pub(super) place: String,
     pub(super) count: usize,
@@ -18,39 +21,24 @@ pub(super) struct Accessor<'a> {
     /// Components of an element: 1 to 4.
     pub(super) lanes: usize,
     pub(super) normalized: bool,
-    /// `None`: all zero but for the sparse elements.
-    base: Option<Elements<'a>>,
-    sparse: Option<Sparse<'a>>,
-}
-
-/// Invariant: `count` elements of `element_bytes` at `stride` lie within `bytes`.
-#[derive(Clone, Copy)]
-struct Elements<'a> {
-    bytes: &'a [u8],
-    stride: usize,
-    element_bytes: usize,
+    /// `count` rows. `None`: all zero but for the sparse elements.
+    base: Option<Rows>,
+    sparse: Option<Sparse>,
 }
 
 /// Invariant: `indices` increase strictly and lie below the accessor's count; there is a value for each.
-struct Sparse<'a> {
+struct Sparse {
     indices: Vec<u32>,
-    values: Elements<'a>,
-}
-
-impl<'a> Elements<'a> {
-    fn get(&self, index: usize) -> &'a [u8] {
-        let start = index * self.stride;
-        &self.bytes[start..start + self.element_bytes]
-    }
+    values: Vec<u8>,
 }
 
 /// An accessor without a buffer view costs no bytes in the file, so its count is held to this many elements a sparse one.
 const UNBACKED_PER_SPARSE: u64 = 64;
 const UNBACKED_ALWAYS: u64 = 1024;
 
-impl<'a> Accessor<'a> {
+impl Accessor {
     /// Opens `accessors[index]`, to which `user` (`meshes[0].primitives[0].indices`) points.
-    pub(super) fn open(document: &Document<'a>, index: usize, user: &str) -> Read<Self> {
+    pub(super) fn open(document: &Document, index: usize, user: &str) -> Read<Self> {
         let accessors = &document.root.accessors;
         let Some(accessor) = accessors.get(index) else {
             return Err(out_of_range(user, "accessors", accessors.len(), index));
@@ -126,7 +114,7 @@ impl<'a> Accessor<'a> {
         Ok(opened)
     }
 
-    fn open_sparse(&self, document: &Document<'a>, index: usize, size: Size) -> Read<Sparse<'a>> {
+    fn open_sparse(&self, document: &Document, index: usize, size: Size) -> Read<Sparse> {
         let place = format!("{}.sparse", self.place);
         let Some(sparse) = &document.root.accessors[index].sparse else {
             return Err(malformed(place, "a sparse object", "none"));
@@ -159,34 +147,71 @@ impl<'a> Accessor<'a> {
         let offset = sparse.values.byte_offset.0;
         let values = elements_of(view, offset, size, &format!("{place}.values"))?;
 
+        // In range: the elements of both lie in the file.
         let mut indices: Vec<u32> = Vec::with_capacity(sparse.count.0 as usize);
-        for at in 0..sparse.count.0 as usize {
-            let index = unsigned(raw.get(at));
+        raw.visit_range(0..sparse.count.0, |at, bytes| {
+            let index = unsigned(bytes);
             let rising = indices.last().is_none_or(|&last| last < index);
             if !rising || index as usize >= self.count {
                 let expected = format!("increasing indices below {}", self.count);
                 let found = format!("{index} at element {at}");
-                return Err(malformed(indices_place, expected, found));
+                return Err(malformed(&indices_place, expected, found));
             }
             indices.push(index);
-        }
-        Ok(Sparse { indices, values })
+            Ok(())
+        })?;
+        let mut tight = Vec::with_capacity(indices.len() * size.element_bytes);
+        values.visit_range(0..sparse.count.0, |_, bytes| {
+            tight.extend_from_slice(bytes);
+            Ok(())
+        })?;
+        Ok(Sparse {
+            indices,
+            values: tight,
+        })
     }
 
-    fn element(&self, index: usize) -> Option<&'a [u8]> {
+    /// The sparse element that lies over `element`, else `base`.
+    fn over<'a>(&'a self, element: u64, base: &'a [u8]) -> &'a [u8] {
         if let Some(sparse) = &self.sparse
-            && let Ok(at) = sparse.indices.binary_search(&(index as u32))
+            && let Ok(element) = u32::try_from(element)
+            && let Ok(at) = sparse.indices.binary_search(&element)
         {
-            return Some(sparse.values.get(at));
+            let bytes = self.element_bytes();
+            return &sparse.values[at * bytes..(at + 1) * bytes];
         }
-        self.base.map(|base| base.get(index))
+        base
     }
 
-    /// Element `index < count` as floats, normalised where the accessor says so; `N` is at most `lanes`.
-    pub(super) fn floats<const N: usize>(&self, index: usize) -> [f32; N] {
-        let Some(element) = self.element(index) else {
-            return [0.0; N];
-        };
+    fn element_bytes(&self) -> usize {
+        self.component.size() * self.lanes
+    }
+
+    /// Gives the elements `ascending`, each below the count, to `visit` with their places in that list, as floats,
+    /// normalised where the accessor says so; `N` is at most `lanes`.
+    pub(super) fn visit_floats<const N: usize>(
+        &self,
+        ascending: &[u32],
+        mut visit: impl FnMut(usize, [f32; N]),
+    ) -> Read<()> {
+        match &self.base {
+            Some(rows) => rows.visit(ascending, |at, bytes| {
+                visit(at, self.floats(self.over(u64::from(ascending[at]), bytes)));
+            }),
+            None => {
+                for (at, &element) in ascending.iter().enumerate() {
+                    visit(at, self.floats(self.over(u64::from(element), &[0; 16])));
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn floats<const N: usize>(&self, element: &[u8]) -> [f32; N] {
+        if self.component == ComponentType::F32 {
+            let float = |lane: usize| element[4 * lane..].first_chunk().copied();
+            return std::array::from_fn(|lane| f32::from_le_bytes(float(lane).unwrap_or_default()));
+        }
         let bytes = self.component.size();
         std::array::from_fn(|lane| {
             let at = lane * bytes;
@@ -194,9 +219,34 @@ impl<'a> Accessor<'a> {
         })
     }
 
-    /// Element `index < count` of a scalar of unsigned integers.
-    pub(super) fn unsigned(&self, index: usize) -> u32 {
-        self.element(index).map_or(0, unsigned)
+    /// All elements, as [`Accessor::visit_floats`] gives them.
+    pub(super) fn all_floats<const N: usize>(&self) -> Read<Vec<[f32; N]>> {
+        let all: Vec<u32> = (0..self.count as u32).collect();
+        let mut floats = Vec::with_capacity(self.count);
+        self.visit_floats(&all, |_, element| floats.push(element))?;
+        Ok(floats)
+    }
+
+    /// Gives the elements `range`, which lies below the count, of a scalar of unsigned integers to `visit`, each with its number.
+    pub(super) fn visit_unsigned(
+        &self,
+        range: Range<u64>,
+        mut visit: impl FnMut(u64, u32) -> Read<()>,
+    ) -> Read<()> {
+        match &self.base {
+            Some(rows) if self.sparse.is_none() => {
+                rows.visit_range(range, |at, bytes| visit(at, unsigned(bytes)))
+            }
+            Some(rows) => {
+                rows.visit_range(range, |at, bytes| visit(at, unsigned(self.over(at, bytes))))
+            }
+            None => {
+                for at in range {
+                    visit(at, unsigned(self.over(at, &[0; 4])))?;
+                }
+                Ok(())
+            }
+        }
     }
 
     /// Demands a number of lanes and one of `components`, each with what is asked of `normalized` (`None`: either).
@@ -233,14 +283,14 @@ struct Size {
 }
 
 /// The elements at `offset` in a view, checked for range and alignment.
-fn elements<'a>(
-    document: &Document<'a>,
+fn elements(
+    document: &Document,
     view: usize,
     offset: u64,
     count: u64,
     size: Size,
     place: &str,
-) -> Read<Elements<'a>> {
+) -> Read<Rows> {
     let view_index = view;
     let view = document.buffers.view(document.root, view, place)?;
     let stride = view.stride.unwrap_or(size.element_bytes);
@@ -257,23 +307,26 @@ fn elements<'a>(
             u128::from(offset) + last + size.element_bytes as u128
         }
     };
-    if end > view.bytes.len() as u128 {
-        let expected = format!("elements within the {} bytes of its view", view.bytes.len());
+    let length = view.extent.len();
+    let rest = length.checked_sub(offset);
+    let extent = rest.and_then(|rest| view.extent.slice(offset, rest));
+    let Some(extent) = extent.filter(|_| end <= u128::from(length)) else {
+        let expected = format!("elements within the {length} bytes of its view");
         let found = format!("{count} of them at byte {offset}, ending at {end}");
         return Err(malformed(place, expected, found));
-    }
-    let offset = offset as usize;
-    if !(view.offset_in_buffer + offset).is_multiple_of(size.component_bytes)
+    };
+    let start = view.offset_in_buffer + offset;
+    if !start.is_multiple_of(size.component_bytes as u64)
         || !stride.is_multiple_of(size.component_bytes)
     {
         let expected = format!("alignment to {} bytes", size.component_bytes);
-        let found = format!("byte {} of the buffer", view.offset_in_buffer + offset);
+        let found = format!("byte {start} of the buffer");
         return Err(malformed(place, expected, found));
     }
-    Ok(Elements {
-        bytes: &view.bytes[offset..],
+    Ok(Rows {
+        extent,
         stride,
-        element_bytes: size.element_bytes,
+        row_bytes: size.element_bytes,
     })
 }
 
@@ -294,11 +347,15 @@ fn float(component: ComponentType, normalized: bool, bytes: &[u8]) -> f32 {
     }
 }
 
-/// The little-endian integer of 1 to 4 bytes.
+/// The little-endian integer of 1, 2 or 4 bytes.
+#[inline]
 fn unsigned(bytes: &[u8]) -> u32 {
-    let mut word = [0; 4];
-    word[..bytes.len()].copy_from_slice(bytes);
-    u32::from_le_bytes(word)
+    match *bytes {
+        [a] => u32::from(a),
+        [a, b] => u32::from(u16::from_le_bytes([a, b])),
+        [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
+        _ => 0,
+    }
 }
 
 fn type_name(lanes: usize) -> String {

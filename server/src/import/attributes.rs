@@ -6,6 +6,9 @@ use gltf::json::accessor::ComponentType::{F32, I8, I16, U8, U16};
 use super::Document;
 use super::accessor::{Accessor, Component};
 use super::error::{Read, malformed};
+use super::primitive::VertexSource;
+use super::scene::Mesh;
+use super::used::Used;
 use super::warnings::Warnings;
 
 const FLOAT: Component = (F32, None);
@@ -14,134 +17,184 @@ const NORMALIZED: &[Component] = &[FLOAT, (U8, Some(true)), (U16, Some(true))];
 const QUANTIZED: &[Component] = &[FLOAT, (I8, None), (U8, None), (I16, None), (U16, None)];
 const QUANTIZED_NORMAL: &[Component] = &[FLOAT, (I8, Some(true)), (I16, Some(true))];
 
-/// Positions of the vertices `used`, all finite.
-pub(super) fn positions(
-    document: &Document,
-    accessor: usize,
-    used: &[u32],
-    place: &str,
-) -> Read<Vec<[f32; 3]>> {
-    let user = format!("{place}.attributes.POSITION");
-    let accessor = Accessor::open(document, accessor, &user)?;
-    let components = if document.quantized {
-        QUANTIZED
-    } else {
-        &[FLOAT]
-    };
-    accessor.expect(&[3], components)?;
-    let mut positions = Vec::with_capacity(used.len());
-    for &vertex in used {
-        let position: [f32; 3] = accessor.floats(vertex as usize);
-        if !position.iter().all(|it| it.is_finite()) {
-            let found = format!("{position:?} at element {vertex}");
-            return Err(malformed(&accessor.place, "finite numbers", found));
-        }
-        positions.push(position);
-    }
-    Ok(positions)
+/// Which attributes a mesh has beside positions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Present {
+    pub(super) normals: bool,
+    pub(super) uvs: bool,
+    pub(super) colors: bool,
 }
 
-/// Normals of the vertices `used`, brought to unit length; zero where the file's cannot be.
-pub(super) fn normals(
-    document: &Document,
-    accessor: usize,
-    used: &[u32],
-    place: &str,
-    warnings: &mut Warnings,
-) -> Read<Vec<[f32; 3]>> {
+/// Warning for what [`unit_normal`] counts.
+pub(super) const RESCALED: &str = "normals brought to unit length";
+/// Warning for what [`finite_uv`] counts.
+pub(super) const REPLACED_UVS: &str = "texture coordinates that are not finite set to 0";
+
+/// `normal` at unit length, zero where that cannot be; counts those that were far from it.
+pub(super) fn unit_normal(normal: [f64; 3], rescaled: &mut u64) -> [f32; 3] {
     /// The specification's validator allows this much; quantised normals stay below it.
     const LENGTH_TOLERANCE: f64 = 0.02;
-    let user = format!("{place}.attributes.NORMAL");
-    let accessor = Accessor::open(document, accessor, &user)?;
-    let components = if document.quantized {
-        QUANTIZED_NORMAL
-    } else {
-        &[FLOAT]
-    };
-    accessor.expect(&[3], components)?;
-    let mut rescaled = 0;
-    let mut read = |&vertex: &u32| {
-        let normal = DVec3::from(accessor.floats(vertex as usize).map(f64::from));
-        // In f64 no length of finite f32 overflows or vanishes.
-        let length = normal.length();
-        if !length.is_finite() || length == 0.0 {
-            return [0.0; 3];
+    // In f64 no length of finite f32 overflows or vanishes.
+    let normal = DVec3::from(normal);
+    let length = normal.length();
+    if !length.is_finite() || length == 0.0 {
+        return [0.0; 3];
+    }
+    *rescaled += u64::from((length - 1.0).abs() > LENGTH_TOLERANCE);
+    (normal / length).as_vec3().to_array()
+}
+
+/// `uv`, zero where it is not finite; counts those.
+pub(super) fn finite_uv(uv: [f32; 2], replaced: &mut u64) -> [f32; 2] {
+    let finite = uv.iter().all(|it| it.is_finite());
+    *replaced += u64::from(!finite);
+    if finite { uv } else { [0.0; 2] }
+}
+
+/// The accessors of a [`VertexSource`], each of a type that its attribute may have.
+pub(super) struct Attributes {
+    position: Accessor,
+    normal: Option<Accessor>,
+    uv: Option<Accessor>,
+    color: Option<Accessor>,
+}
+
+impl Attributes {
+    /// Opens and checks them; `place` is the primitive's.
+    pub(super) fn open(document: &Document, source: &VertexSource, place: &str) -> Read<Self> {
+        let open = |name: &str, index: usize| {
+            Accessor::open(document, index, &format!("{place}.attributes.{name}"))
+        };
+        let choose = |quantized, plain| if document.quantized { quantized } else { plain };
+        let position = open("POSITION", source.position)?;
+        position.expect(&[3], choose(QUANTIZED, &[FLOAT]))?;
+        let normal = source
+            .normal
+            .map(|index| open("NORMAL", index))
+            .transpose()?;
+        if let Some(normal) = &normal {
+            normal.expect(&[3], choose(QUANTIZED_NORMAL, &[FLOAT]))?;
         }
-        rescaled += u64::from((length - 1.0).abs() > LENGTH_TOLERANCE);
-        (normal / length).as_vec3().to_array()
-    };
-    let normals = used.iter().map(&mut read).collect();
-    warnings.add("normals brought to unit length", rescaled, place);
-    Ok(normals)
-}
-
-/// Texture coordinates of the vertices `used`.
-pub(super) fn uvs(
-    document: &Document,
-    accessor: usize,
-    used: &[u32],
-    place: &str,
-    warnings: &mut Warnings,
-) -> Read<Vec<[f32; 2]>> {
-    let user = format!("{place}.attributes.TEXCOORD_0");
-    let accessor = Accessor::open(document, accessor, &user)?;
-    let components = if document.quantized {
-        QUANTIZED
-    } else {
-        NORMALIZED
-    };
-    accessor.expect(&[2], components)?;
-    let mut replaced = 0;
-    let uvs = used
-        .iter()
-        .map(|&vertex| {
-            let uv: [f32; 2] = accessor.floats(vertex as usize);
-            let finite = uv.iter().all(|it| it.is_finite());
-            replaced += u64::from(!finite);
-            if finite { uv } else { [0.0; 2] }
+        let open_uv = |(set, index)| open(&format!("TEXCOORD_{set}"), index);
+        let uv = source.uv.map(open_uv).transpose()?;
+        if let Some(uv) = &uv {
+            uv.expect(&[2], choose(QUANTIZED, NORMALIZED))?;
+        }
+        let color = source
+            .color
+            .map(|index| open("COLOR_0", index))
+            .transpose()?;
+        if let Some(color) = &color {
+            color.expect(&[3, 4], NORMALIZED)?;
+        }
+        Ok(Self {
+            position,
+            normal,
+            uv,
+            color,
         })
-        .collect();
-    warnings.add(
-        "texture coordinates that are not finite set to 0",
-        replaced,
-        place,
-    );
-    Ok(uvs)
+    }
+
+    /// Appends the vertices `used` to the arrays of `mesh` that `present` asks for. Normals that are not there, or have no
+    /// length, are zero; texture coordinates are (0, 0), colours white.
+    pub(super) fn read(
+        &self,
+        used: &Used,
+        present: Present,
+        mesh: &mut Mesh,
+        place: &str,
+        warnings: &mut Warnings,
+    ) -> Read<()> {
+        self.read_positions(used, mesh)?;
+        let length = mesh.positions.len();
+        if present.normals {
+            let normals = mesh.normals.get_or_insert_default();
+            let base = normals.len();
+            normals.resize(length, [0.0; 3]);
+            if let Some(accessor) = &self.normal {
+                let mut rescaled = 0;
+                accessor.visit_floats(&used.ascending, |at, normal: [f32; 3]| {
+                    let normal = unit_normal(normal.map(f64::from), &mut rescaled);
+                    normals[base + used.slot(at)] = normal;
+                })?;
+                warnings.add(RESCALED, rescaled, place);
+            }
+        }
+        if present.uvs {
+            let uvs = mesh.uvs.get_or_insert_default();
+            let base = uvs.len();
+            uvs.resize(length, [0.0; 2]);
+            if let Some(accessor) = &self.uv {
+                let mut replaced = 0;
+                accessor.visit_floats(&used.ascending, |at, uv| {
+                    uvs[base + used.slot(at)] = finite_uv(uv, &mut replaced);
+                })?;
+                warnings.add(REPLACED_UVS, replaced, place);
+            } else {
+                let what =
+                    "vertices without texture coordinates beside others with them set to (0, 0)";
+                warnings.add(what, used.len() as u64, place);
+            }
+        }
+        if present.colors {
+            let colors = mesh.colors.get_or_insert_default();
+            let base = colors.len();
+            colors.resize(length, [u8::MAX; 4]);
+            if let Some(accessor) = &self.color {
+                read_colors(accessor, used, &mut colors[base..], place, warnings)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn read_positions(&self, used: &Used, mesh: &mut Mesh) -> Read<()> {
+        let base = mesh.positions.len();
+        mesh.positions.resize(base + used.len(), [0.0; 3]);
+        let positions = &mut mesh.positions[base..];
+        let mut not_finite = None;
+        self.position
+            .visit_floats(&used.ascending, |at, position: [f32; 3]| {
+                if !position.iter().all(|it| it.is_finite()) {
+                    not_finite.get_or_insert((at, position));
+                }
+                positions[used.slot(at)] = position;
+            })?;
+        match not_finite {
+            None => Ok(()),
+            Some((at, position)) => {
+                let found = format!("{position:?} at element {}", used.ascending[at]);
+                Err(malformed(&self.position.place, "finite numbers", found))
+            }
+        }
+    }
 }
 
-/// Colours of the vertices `used` as linear RGBA; alpha is 1 where the file has three components.
-pub(super) fn colors(
-    document: &Document,
-    accessor: usize,
-    used: &[u32],
+/// Linear RGBA; alpha is 1 where the file has three components.
+fn read_colors(
+    accessor: &Accessor,
+    used: &Used,
+    colors: &mut [[u8; 4]],
     place: &str,
     warnings: &mut Warnings,
-) -> Read<Vec<[u8; 4]>> {
-    let user = format!("{place}.attributes.COLOR_0");
-    let accessor = Accessor::open(document, accessor, &user)?;
-    accessor.expect(&[3, 4], NORMALIZED)?;
+) -> Read<()> {
     let (mut replaced, mut clamped) = (0, 0);
-    let colors = used
-        .iter()
-        .map(|&vertex| {
-            let mut color = [1.0; 4];
-            match accessor.lanes {
-                3 => color[..3].copy_from_slice(&accessor.floats::<3>(vertex as usize)),
-                _ => color = accessor.floats(vertex as usize),
-            }
-            if !color.iter().all(|it| it.is_finite()) {
-                replaced += 1;
-                return [u8::MAX; 4];
-            }
-            clamped += u64::from(!color.iter().all(|it| (0.0..=1.0).contains(it)));
-            color.map(|it| (it.clamp(0.0, 1.0) * 255.0).round() as u8)
-        })
-        .collect();
+    let mut set = |at: usize, color: [f32; 4]| {
+        if !color.iter().all(|it| it.is_finite()) {
+            replaced += 1;
+            return;
+        }
+        clamped += u64::from(!color.iter().all(|it| (0.0..=1.0).contains(it)));
+        colors[used.slot(at)] = color.map(|it| (it.clamp(0.0, 1.0) * 255.0).round() as u8);
+    };
+    match accessor.lanes {
+        3 => accessor.visit_floats(&used.ascending, |at, [r, g, b]| set(at, [r, g, b, 1.0]))?,
+        _ => accessor.visit_floats(&used.ascending, set)?,
+    }
     warnings.add(
         "vertex colours that are not finite set to white",
         replaced,
         place,
     );
     warnings.add("vertex colours clamped to 0..1", clamped, place);
-    Ok(colors)
+    Ok(())
 }

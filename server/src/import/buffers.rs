@@ -1,113 +1,98 @@
-//! Buffers: the bytes behind the document, and the views into them.
+//! Buffers: the bytes behind the document, and the views into them. Nothing is read before it is asked for, but for small
+//! files and inline data.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::Mutex;
 
 use gltf::json::Root;
 
-use super::error::{Read, cannot_read, malformed};
+use super::decompress;
+use super::error::{Fault, Read, malformed};
+use super::file::{Extent, InputFile};
 use super::uri::{self, Target};
 
-/// All buffers of a file, each exactly as long as the document says.
-pub(super) struct Buffers<'a> {
-    buffers: Vec<BufferBytes<'a>>,
-}
+/// Files below this are read at once: many small ones would need many open files.
+const SMALL_FILE_BYTES: u64 = 1 << 20;
 
-enum BufferBytes<'a> {
-    /// The glb's binary chunk, without its padding.
-    Chunk(&'a [u8]),
-    /// Several buffers may name one file; it is read once.
-    Shared { file: Arc<Vec<u8>>, length: usize },
+/// All buffers of a file, each exactly as long as the document says.
+pub(super) struct Buffers {
+    /// `None` for a buffer that only stands in for compressed views: it need not be there.
+    buffers: Vec<Option<Extent>>,
+    /// Decompressed views, each once.
+    decompressed: Mutex<HashMap<usize, Extent>>,
 }
 
 /// A buffer view's bytes.
-#[derive(Clone, Copy)]
-pub(super) struct View<'a> {
-    pub(super) bytes: &'a [u8],
-    /// Where the view starts in its buffer: alignment is told from there.
-    pub(super) offset_in_buffer: usize,
+pub(super) struct View {
+    pub(super) extent: Extent,
+    /// Where the view starts in its buffer: alignment is told from there. 0 for a decompressed view.
+    pub(super) offset_in_buffer: u64,
     /// `None`: elements lie tight.
     pub(super) stride: Option<usize>,
 }
 
-impl<'a> Buffers<'a> {
-    /// Reads every buffer that the document lists.
-    pub(super) fn load(root: &Root, bin: Option<&'a [u8]>, folder: &Path) -> Read<Self> {
-        let mut files: HashMap<PathBuf, Arc<Vec<u8>>> = HashMap::new();
+impl Buffers {
+    /// Finds every buffer that the document lists; `bin` is the glb's binary chunk.
+    pub(super) fn open(root: &Root, bin: Option<&Extent>, folder: &Path) -> Read<Self> {
+        let mut files: HashMap<PathBuf, Extent> = HashMap::new();
         let mut buffers = Vec::with_capacity(root.buffers.len());
         for (at, buffer) in root.buffers.iter().enumerate() {
             let place = format!("buffers[{at}]");
-            let too_short = |found: usize| {
-                let expected = format!("byteLength {} at least", buffer.byte_length.0);
-                malformed(&place, expected, format!("{found} bytes"))
-            };
-            let length = usize::try_from(buffer.byte_length.0).unwrap_or(usize::MAX);
-            let file = match (&buffer.uri, bin) {
-                (None, Some(bin)) if at == 0 => {
-                    let bytes = bin.get(..length).ok_or_else(|| too_short(bin.len()))?;
-                    buffers.push(BufferBytes::Chunk(bytes));
-                    continue;
-                }
+            if decompress::is_fallback(buffer) {
+                buffers.push(None);
+                continue;
+            }
+            let whole = match (&buffer.uri, bin) {
+                (None, Some(bin)) if at == 0 => bin.clone(),
                 (None, _) => {
                     let expected = "a uri, or in a .glb a binary chunk for the first buffer";
                     return Err(malformed(place, expected, "neither"));
                 }
                 (Some(uri), _) => match uri::resolve(uri, folder, &format!("{place}.uri"))? {
-                    Target::Data(bytes) => Arc::new(bytes),
+                    Target::Data(bytes) => Extent::memory(bytes),
+                    // Several buffers may name one file.
                     Target::File(path) => match files.get(&path) {
                         Some(file) => file.clone(),
                         None => {
-                            let bytes = std::fs::read(&path)
-                                .map_err(|cause| cannot_read(&place, &path, &cause))?;
-                            let file = Arc::new(bytes);
+                            let mut file = Extent::file(InputFile::open(&path, &place)?);
+                            if file.len() <= SMALL_FILE_BYTES {
+                                file = Extent::memory(file.to_vec()?);
+                            }
                             files.insert(path, file.clone());
                             file
                         }
                     },
                 },
             };
-            if file.len() < length {
-                return Err(too_short(file.len()));
-            }
-            buffers.push(BufferBytes::Shared { file, length });
+            let length = buffer.byte_length.0;
+            let Some(extent) = whole.slice(0, length) else {
+                let expected = format!("byteLength {length} at least");
+                return Err(malformed(place, expected, format!("{} bytes", whole.len())));
+            };
+            buffers.push(Some(extent));
         }
-        Ok(Self { buffers })
+        let buffers = Self {
+            buffers,
+            decompressed: Mutex::default(),
+        };
+        decompress::check_total(root, buffers.total_bytes())?;
+        Ok(buffers)
     }
 
     /// All bytes together: what a file can account for.
     pub(super) fn total_bytes(&self) -> u64 {
-        self.buffers.iter().map(|it| it.bytes().len() as u64).sum()
+        self.buffers.iter().flatten().map(Extent::len).sum()
     }
 
-    /// The bytes of `bufferViews[index]`, which `place` names.
-    pub(super) fn view(&self, root: &Root, index: usize, place: &str) -> Read<View<'_>> {
-        let here = format!("{place}.bufferView");
+    /// The bytes of `bufferViews[index]`, which `place` names; decompressed where the view is compressed.
+    pub(super) fn view(&self, root: &Root, index: usize, place: &str) -> Read<View> {
         let Some(view) = root.buffer_views.get(index) else {
-            return Err(out_of_range(
-                &here,
-                "bufferViews",
-                root.buffer_views.len(),
-                index,
-            ));
+            let here = format!("{place}.bufferView");
+            let length = root.buffer_views.len();
+            return Err(out_of_range(&here, "bufferViews", length, index));
         };
         let here = format!("bufferViews[{index}]");
-        let Some(buffer) = self.buffers.get(view.buffer.value()) else {
-            let here = format!("{here}.buffer");
-            let found = view.buffer.value();
-            return Err(out_of_range(&here, "buffers", self.buffers.len(), found));
-        };
-        let buffer = buffer.bytes();
-        let offset = view.byte_offset.unwrap_or_default().0;
-        let bytes = usize::try_from(offset)
-            .ok()
-            .zip(usize::try_from(view.byte_length.0).ok())
-            .and_then(|(offset, length)| buffer.get(offset..offset.checked_add(length)?));
-        let Some(bytes) = bytes else {
-            let expected = format!("a range within {} bytes", buffer.len());
-            let found = format!("{} bytes at {offset}", view.byte_length.0);
-            return Err(malformed(here, expected, found));
-        };
         let stride = view.byte_stride.map(|stride| stride.0);
         if let Some(stride) = stride
             && (!(4..=252).contains(&stride) || stride % 4 != 0)
@@ -115,33 +100,64 @@ impl<'a> Buffers<'a> {
             let here = format!("{here}.byteStride");
             return Err(malformed(here, "a multiple of 4 in 4..=252", stride));
         }
+        if let Some(compressed) = decompress::find(view) {
+            return Ok(View {
+                extent: self.decompress(index, view, compressed, &here)?,
+                offset_in_buffer: 0,
+                stride,
+            });
+        }
+        let offset = view.byte_offset.unwrap_or_default().0;
+        let buffer = view.buffer.value();
         Ok(View {
-            bytes,
-            offset_in_buffer: offset as usize,
+            extent: self.range(buffer, offset, view.byte_length.0, &here)?,
+            offset_in_buffer: offset,
             stride,
+        })
+    }
+
+    fn decompress(
+        &self,
+        index: usize,
+        view: &gltf::json::buffer::View,
+        compressed: decompress::Extension,
+        place: &str,
+    ) -> Read<Extent> {
+        // Nothing panics while it is held.
+        let known = || {
+            self.decompressed
+                .lock()
+                .unwrap_or_else(|held| held.into_inner())
+        };
+        if let Some(extent) = known().get(&index) {
+            return Ok(extent.clone());
+        }
+        let block = decompress::Block::parse(view, compressed, place)?;
+        let source = self.range(block.buffer, block.offset, block.length, &block.place)?;
+        let extent = Extent::memory(block.decode(&source.to_vec()?)?);
+        Ok(known().entry(index).or_insert(extent).clone())
+    }
+
+    /// A range of a buffer, which `place` names.
+    fn range(&self, buffer: usize, offset: u64, length: u64, place: &str) -> Read<Extent> {
+        let Some(extent) = self.buffers.get(buffer) else {
+            let place = format!("{place}.buffer");
+            return Err(out_of_range(&place, "buffers", self.buffers.len(), buffer));
+        };
+        let Some(extent) = extent else {
+            let place = format!("{place}.buffer");
+            let found = format!("buffer {buffer}, a fallback without bytes");
+            return Err(malformed(place, "a buffer with bytes", found));
+        };
+        extent.slice(offset, length).ok_or_else(|| {
+            let expected = format!("a range within {} bytes", extent.len());
+            malformed(place, expected, format!("{length} bytes at {offset}"))
         })
     }
 }
 
-impl BufferBytes<'_> {
-    fn bytes(&self) -> &[u8] {
-        match self {
-            Self::Chunk(bytes) => bytes,
-            Self::Shared { file, length } => &file[..*length],
-        }
-    }
-}
-
 /// An index into one of the document's lists that is too large.
-pub(super) fn out_of_range(
-    place: &str,
-    list: &str,
-    length: usize,
-    found: usize,
-) -> super::error::Fault {
-    malformed(
-        place,
-        format!("one of {length} {list}"),
-        format!("index {found}"),
-    )
+pub(super) fn out_of_range(place: &str, list: &str, length: usize, found: usize) -> Fault {
+    let expected = format!("one of {length} {list}");
+    malformed(place, expected, format!("index {found}"))
 }

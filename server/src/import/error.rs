@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Result of a stage that does not know which file it reads.
 pub(super) type Read<T> = Result<T, Fault>;
 
-/// A glTF file that cannot be imported. Its text is one line: file, place, what was expected, what was found.
+/// A file that cannot be imported. Its text is one line: file, place, what was expected, what was found.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {fault}", one_line(&file.display()))]
 pub struct ImportError {
@@ -28,12 +28,12 @@ impl ImportError {
 /// What is wrong, and where in the document: `meshes[3].primitives[0].attributes.POSITION (accessor 7)`.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// The bytes or the JSON break the glTF specification.
+    /// The bytes or the text break the file's format.
     #[error("{place}: expected {expected}, found {found}")]
     Malformed {
         /// Path in the document.
         place: String,
-        /// What the specification asks for there.
+        /// What the format asks for there.
         expected: String,
         /// What stands there.
         found: String,

@@ -93,10 +93,10 @@ impl<'a> Images<'a> {
             }
             Origin::View(view) => {
                 let buffers = self.document.buffers;
-                Ok(buffers
+                buffers
                     .view(self.document.root, *view, place)?
-                    .bytes
-                    .to_vec())
+                    .extent
+                    .to_vec()
             }
         }
     }
@@ -110,6 +110,27 @@ impl<'a> Images<'a> {
     /// The images that were asked for, in that order.
     pub(super) fn into_used(self) -> Vec<Image> {
         self.used
+    }
+}
+
+/// The image in the file `name` beside a mesh file, which `place` names; `None`, with a warning, where it cannot be had: such
+/// names are often stale.
+pub(super) fn beside(
+    name: &str,
+    folder: &Path,
+    place: &str,
+    warnings: &mut Warnings,
+) -> Read<Option<Image>> {
+    let loaded = uri::file_below(name, folder, place).and_then(|path| {
+        let bytes = std::fs::read(&path).map_err(|cause| cannot_read(place, &path, &cause))?;
+        measure(bytes, place, warnings)
+    });
+    match loaded {
+        Ok(image) => Ok(image),
+        Err(fault) => {
+            warnings.add(format!("images left out ({fault})"), 1, place);
+            Ok(None)
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use gltf::json::extensions::material::PbrSpecularGlossiness;
 use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::material::AlphaMode as JsonAlphaMode;
 use gltf::json::texture::{Info, MagFilter, WrappingMode};
@@ -10,6 +11,7 @@ use gltf::json::validation::Checked;
 use super::Document;
 use super::buffers::out_of_range;
 use super::error::{Read, malformed};
+use super::features;
 use super::images::Images;
 use super::scene::{AlphaMode, Image, Material, SamplerWrap};
 use super::warnings::Warnings;
@@ -27,8 +29,8 @@ pub(super) fn read(
         let place = format!("materials[{at}]");
         note_other_textures(source, &place, warnings);
         let mut material = read_factors(source, &place, warnings)?;
-        if let Some(texture) = &source.pbr_metallic_roughness.base_color_texture {
-            let place = format!("{place}.pbrMetallicRoughness.baseColorTexture");
+        if let Some((texture, name)) = base_texture(source) {
+            let place = format!("{place}.{name}");
             read_texture(
                 document,
                 texture,
@@ -46,6 +48,37 @@ pub(super) fn read(
     Ok((materials, images.into_used()))
 }
 
+/// The specular-glossiness model where the material has it: its authors prefer that one.
+fn specular_glossiness(source: &gltf::json::Material) -> Option<&PbrSpecularGlossiness> {
+    source.extensions.as_ref()?.pbr_specular_glossiness.as_ref()
+}
+
+/// The texture that becomes the base colour's, and its place in the material.
+fn base_texture(source: &gltf::json::Material) -> Option<(&Info, &'static str)> {
+    if let Some(model) = specular_glossiness(source) {
+        let place = "extensions.KHR_materials_pbrSpecularGlossiness.diffuseTexture";
+        return Some((model.diffuse_texture.as_ref()?, place));
+    }
+    let texture = source.pbr_metallic_roughness.base_color_texture.as_ref();
+    Some((texture?, "pbrMetallicRoughness.baseColorTexture"))
+}
+
+/// The set `N` of `TEXCOORD_N` that the base colour's texture uses; `None` without a texture.
+pub(super) fn textured_uv_set(source: &gltf::json::Material) -> Option<u32> {
+    let (info, _) = base_texture(source)?;
+    let transform = info
+        .extensions
+        .as_ref()
+        .and_then(|it| it.texture_transform.as_ref());
+    let chosen = transform.and_then(|it| it.tex_coord);
+    Some(chosen.unwrap_or(info.tex_coord))
+}
+
+/// The same, 0 without a texture.
+pub(super) fn uv_set(source: &gltf::json::Material) -> u32 {
+    textured_uv_set(source).unwrap_or(0)
+}
+
 fn note_other_textures(source: &gltf::json::Material, place: &str, warnings: &mut Warnings) {
     let pbr = &source.pbr_metallic_roughness;
     let textures = [
@@ -56,10 +89,84 @@ fn note_other_textures(source: &gltf::json::Material, place: &str, warnings: &mu
         ("normalTexture", source.normal_texture.is_some()),
         ("occlusionTexture", source.occlusion_texture.is_some()),
         ("emissiveTexture", source.emissive_texture.is_some()),
+        (
+            "specularGlossinessTexture",
+            specular_glossiness(source).is_some_and(|it| it.specular_glossiness_texture.is_some()),
+        ),
     ];
     for (name, present) in textures {
         warnings.add(format!("{name} left out"), u64::from(present), place);
     }
+    let extensions = source.extensions.iter().flat_map(|it| it.others.keys());
+    for name in extensions.filter(|name| features::LOOKS.contains(&name.as_str())) {
+        warnings.add(format!("{name} left out"), 1, place);
+    }
+}
+
+/// Factors of the metallic-roughness model.
+struct Factors {
+    base_color: [f32; 4],
+    metallic: f32,
+    roughness: f32,
+}
+
+fn factors(source: &gltf::json::Material) -> Factors {
+    let pbr = &source.pbr_metallic_roughness;
+    let Some(model) = specular_glossiness(source) else {
+        return Factors {
+            base_color: pbr.base_color_factor.0,
+            // The factor multiplies a texture that is left out; taken alone, its default of 1 would make everything metal.
+            metallic: match pbr.metallic_roughness_texture {
+                Some(_) => 0.0,
+                None => pbr.metallic_factor.0,
+            },
+            roughness: pbr.roughness_factor.0,
+        };
+    };
+    let diffuse = model.diffuse_factor.0;
+    let roughness = 1.0 - model.glossiness_factor.0;
+    let textured = model.diffuse_texture.is_some() || model.specular_glossiness_texture.is_some();
+    let (base_color, metallic) = match textured {
+        // What is metal is for each texel to say; the surface is taken as none.
+        true => (diffuse, 0.0),
+        false => convert_specular(diffuse, model.specular_factor.0),
+    };
+    Factors {
+        base_color,
+        metallic,
+        roughness,
+    }
+}
+
+/// Base colour and metalness of a diffuse and a specular colour, as the extension's own converter has it (KhronosGroup/glTF,
+/// `extensions/2.0/Archived/KHR_materials_pbrSpecularGlossiness/examples/convert-between-workflows`).
+fn convert_specular(diffuse: [f32; 4], specular: [f32; 3]) -> ([f32; 4], f32) {
+    /// Reflectance of a surface that is no metal.
+    const DIELECTRIC: f32 = 0.04;
+    let brightness = |[r, g, b]: [f32; 3]| (0.299 * r * r + 0.587 * g * g + 0.114 * b * b).sqrt();
+    let [r, g, b, alpha] = diffuse;
+    let (dark, bright) = (brightness([r, g, b]), brightness(specular));
+    let rest = 1.0 - specular.into_iter().fold(0.0, f32::max);
+    let metallic = match bright < DIELECTRIC {
+        true => 0.0,
+        false => {
+            let b = dark * rest / (1.0 - DIELECTRIC) + bright - 2.0 * DIELECTRIC;
+            let c = DIELECTRIC - bright;
+            let root = (b * b - 4.0 * DIELECTRIC * c).max(0.0).sqrt();
+            ((root - b) / (2.0 * DIELECTRIC)).clamp(0.0, 1.0)
+        }
+    };
+    let blend = |diffuse: f32, specular: f32| {
+        let of_diffuse = diffuse * rest / (1.0 - DIELECTRIC) / (1.0 - metallic).max(1e-6);
+        let of_specular = (specular - DIELECTRIC * (1.0 - metallic)) / metallic.max(1e-6);
+        let share = metallic * metallic;
+        (of_diffuse * (1.0 - share) + of_specular * share).clamp(0.0, 1.0)
+    };
+    let [s_r, s_g, s_b] = specular;
+    (
+        [blend(r, s_r), blend(g, s_g), blend(b, s_b), alpha],
+        metallic,
+    )
 }
 
 fn read_factors(
@@ -67,15 +174,15 @@ fn read_factors(
     place: &str,
     warnings: &mut Warnings,
 ) -> Read<Material> {
-    let pbr = &source.pbr_metallic_roughness;
     let extensions = source.extensions.as_ref();
     let strength = extensions
         .and_then(|it| it.emissive_strength.as_ref())
         .map_or(1.0, |it| it.emissive_strength.0);
     let cutoff = source.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
     let emissive_factor = source.emissive_factor.0.map(|it| it * strength);
-    let mut numbers = [pbr.metallic_factor.0, pbr.roughness_factor.0, cutoff].to_vec();
-    numbers.extend(pbr.base_color_factor.0);
+    let factors = factors(source);
+    let mut numbers = [factors.metallic, factors.roughness, cutoff].to_vec();
+    numbers.extend(factors.base_color);
     numbers.extend(emissive_factor);
     if !numbers.iter().all(|it| it.is_finite()) {
         return Err(malformed(
@@ -91,7 +198,7 @@ fn read_factors(
     };
     let material = Material {
         name: source.name.clone().unwrap_or_default(),
-        base_color_factor: pbr.base_color_factor.0.map(&mut unit),
+        base_color_factor: factors.base_color.map(&mut unit),
         alpha_mode: match source.alpha_mode {
             Checked::Valid(JsonAlphaMode::Opaque) => AlphaMode::Opaque,
             // A cutoff above 1 is allowed: nothing is seen.
@@ -104,17 +211,13 @@ fn read_factors(
         },
         double_sided: source.double_sided,
         unlit: extensions.is_some_and(|it| it.unlit.is_some()),
+        // Under a texture that is left out the factor alone would light the whole surface.
         emissive_factor: match source.emissive_texture {
             Some(_) => [0.0; 3],
             None => emissive_factor.map(|it| it.max(0.0)),
         },
-        // The factor multiplies a texture that is left out; taken alone, its default of 1 would make everything metal.
-        // Likewise an emissive factor under a texture would light the whole surface.
-        metallic: match pbr.metallic_roughness_texture {
-            Some(_) => 0.0,
-            None => unit(pbr.metallic_factor.0),
-        },
-        roughness: unit(pbr.roughness_factor.0),
+        metallic: unit(factors.metallic),
+        roughness: unit(factors.roughness),
         ..Material::default()
     };
     warnings.add(
@@ -143,13 +246,6 @@ fn read_texture(
         .extensions
         .as_ref()
         .and_then(|it| it.texture_transform.as_ref());
-    let uv_set = transform
-        .and_then(|it| it.tex_coord)
-        .unwrap_or(info.tex_coord);
-    if uv_set != 0 {
-        warnings.add(format!("textures on TEXCOORD_{uv_set} left out"), 1, place);
-        return Ok(());
-    }
     let place = format!("textures[{index}]");
     // The crate's mark for a texture without a source: an extension holds it.
     if texture.source.value() == u32::MAX as usize {

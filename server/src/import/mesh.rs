@@ -1,21 +1,26 @@
 //! Mesh: the primitives of one glTF mesh over one vertex array.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use super::Document;
-use super::attributes;
+use super::attributes::{Attributes, Present};
+use super::complete;
 use super::error::{Read, malformed};
+use super::materials;
 use super::nodes::Placed;
-use super::normals;
-use super::primitive::{self, PrimitiveTriangles, VertexSource};
+use super::opened::{OpenedMesh, array_bytes};
+use super::primitive::{self, TrianglePrimitive, VertexSource};
+use super::primitive_pieces;
 use super::scene::Mesh;
+use super::used::Used;
 use super::warnings::Warnings;
 
 /// A mesh, or why it came to nothing.
 pub(super) struct BuiltMesh {
-    /// `None` without a triangle. `material_slots` hold indices into the document's materials; their number stands for
-    /// the default material.
-    pub(super) mesh: Option<Mesh>,
+    /// `None` without a triangle. Slots hold indices into the document's materials; their number stands for the default
+    /// material.
+    pub(super) mesh: Option<OpenedMesh>,
     pub(super) source_triangles: u64,
     pub(super) warnings: Warnings,
 }
@@ -51,47 +56,158 @@ pub(super) fn check_sharing(document: &Document, placed: &Placed) -> Read<()> {
     Ok(())
 }
 
-/// Builds `meshes[index]` of the document.
-pub(super) fn build(document: &Document, index: usize) -> Read<BuiltMesh> {
+/// Builds `meshes[index]` of the document, or leaves it in its file where its arrays would take more than `most_bytes`.
+pub(super) fn build(document: &Document, index: usize, most_bytes: u64) -> Read<BuiltMesh> {
     let source = &document.root.meshes[index];
     let place = format!("meshes[{index}]");
+    let name = source.name.clone();
+    let name = name.unwrap_or_else(|| format!("mesh_{index}"));
     let mut warnings = Warnings::default();
     let mut primitives = Vec::new();
     for (at, primitive) in source.primitives.iter().enumerate() {
         let place = format!("{place}.primitives[{at}]");
-        let read = primitive::read(document, primitive, place, &mut warnings)?;
-        primitives.extend(read);
+        primitives.extend(primitive::check(document, primitive, place, &mut warnings)?);
     }
-    let source_triangles = primitives.iter().map(|it| it.source_triangles).sum();
-    primitives.retain(|primitive| !primitive.triangles.is_empty());
-    if primitives.is_empty() {
+    primitives.retain(|primitive| primitive.triangle_count > 0);
+    note_missing_uvs(document, &primitives, &mut warnings);
+    let mut built = match arrays_bytes(&primitives) > most_bytes {
+        true => stream(document, name, primitives, &place, &mut warnings)?,
+        false => load(document, name, primitives, &place, &mut warnings)?,
+    };
+    if built.mesh.is_none() {
         warnings.add("meshes without triangles left out", 1, &place);
-        return Ok(BuiltMesh {
-            mesh: None,
-            source_triangles,
-            warnings,
-        });
     }
-    // Corners are counted in 32 bits from here on.
-    let triangles: usize = primitives.iter().map(|it| it.triangles.len()).sum();
+    built.warnings = warnings;
+    Ok(built)
+}
+
+fn note_missing_uvs(
+    document: &Document,
+    primitives: &[TrianglePrimitive],
+    warnings: &mut Warnings,
+) {
+    for primitive in primitives {
+        let material = primitive.material.map(|at| &document.root.materials[at]);
+        if let Some(set) = material.and_then(materials::textured_uv_set)
+            && primitive.source.uv.is_none()
+        {
+            let what = format!("textured primitives without TEXCOORD_{set}");
+            warnings.add(what, 1, &primitive.place);
+        }
+    }
+}
+
+/// Which attributes the mesh has. `all_normals`: only where no primitive is without.
+fn present(primitives: &[TrianglePrimitive], all_normals: bool) -> Present {
+    let any = |has: fn(&VertexSource) -> bool| primitives.iter().any(|it| has(&it.source));
+    let has_normals = |source: &VertexSource| source.normal.is_some();
+    Present {
+        normals: match all_normals {
+            true => primitives.iter().all(|it| has_normals(&it.source)),
+            false => any(has_normals),
+        },
+        uvs: any(|source| source.uv.is_some()),
+        colors: any(|source| source.color.is_some()),
+    }
+}
+
+/// What the arrays would take at most, going by the counts alone.
+fn arrays_bytes(primitives: &[TrianglePrimitive]) -> u64 {
+    let mut corners_of_source: HashMap<VertexSource, (u64, u64)> = HashMap::new();
+    let mut triangles = 0u64;
+    for primitive in primitives {
+        let entry = corners_of_source.entry(primitive.source).or_default();
+        entry.0 = primitive.vertex_count as u64;
+        entry.1 = entry
+            .1
+            .saturating_add(primitive.triangle_count.saturating_mul(3));
+        triangles = triangles.saturating_add(primitive.triangle_count);
+    }
+    let vertices = corners_of_source
+        .values()
+        .map(|(vertices, corners)| vertices.min(corners));
+    let vertices = vertices.fold(0u64, |sum, it| sum.saturating_add(*it));
+    array_bytes(vertices, triangles, present(primitives, false))
+}
+
+fn stream(
+    document: &Document,
+    name: String,
+    primitives: Vec<TrianglePrimitive>,
+    place: &str,
+    warnings: &mut Warnings,
+) -> Read<BuiltMesh> {
+    let present = present(&primitives, true);
+    if !present.normals {
+        let what = "normals not made for meshes that are read in pieces";
+        warnings.add(what, 1, place);
+    }
+    let mut source_triangles = 0;
+    for primitive in &primitives {
+        source_triangles += primitive.meant_triangles()?;
+    }
+    let mesh = primitive_pieces::open(document, name, primitives, present, place)?;
+    Ok(BuiltMesh {
+        mesh: Some(OpenedMesh::Streamed(mesh)),
+        source_triangles,
+        warnings: Warnings::default(),
+    })
+}
+
+fn load(
+    document: &Document,
+    name: String,
+    primitives: Vec<TrianglePrimitive>,
+    place: &str,
+    warnings: &mut Warnings,
+) -> Read<BuiltMesh> {
+    let mut source_triangles = 0;
+    let mut parts = Vec::with_capacity(primitives.len());
+    for primitive in primitives {
+        // Corners are counted in 32 bits from here on.
+        let most = u64::from(u32::MAX) / 3;
+        if primitive.triangle_count > most {
+            let expected = format!("{most} triangles at most in a mesh");
+            return Err(malformed(place, expected, primitive.triangle_count));
+        }
+        let triangles = primitive.triangles(0..primitive.triangle_count, warnings)?;
+        source_triangles += match primitive.is_list() {
+            true => primitive.triangle_count,
+            false => triangles.len() as u64,
+        };
+        if !triangles.is_empty() {
+            parts.push(Part {
+                primitive,
+                triangles,
+            });
+        }
+    }
+    let triangles: usize = parts.iter().map(|it| it.triangles.len()).sum();
     if triangles > u32::MAX as usize / 3 {
         let expected = format!("{} triangles at most in a mesh", u32::MAX / 3);
         return Err(malformed(place, expected, triangles));
     }
     let mut mesh = Mesh {
-        name: source
-            .name
-            .clone()
-            .unwrap_or_else(|| format!("mesh_{index}")),
+        name,
         ..Mesh::default()
     };
-    merge_vertices(document, &mut primitives, &mut mesh, &place, &mut warnings)?;
-    merge_triangles(document, primitives, &mut mesh, &place, &mut warnings)?;
+    merge_vertices(document, &mut parts, &mut mesh, place, warnings)?;
+    let bare = merge_triangles(document, parts, &mut mesh, place)?;
+    if triangles > 0 {
+        let given = mesh.normals.take().unwrap_or_default();
+        complete::complete(&mut mesh, given, &bare, place, warnings);
+    }
     Ok(BuiltMesh {
-        mesh: Some(mesh),
+        mesh: (triangles > 0).then_some(OpenedMesh::Loaded(mesh)),
         source_triangles,
-        warnings,
+        warnings: Warnings::default(),
     })
+}
+
+/// A primitive with its triangles.
+struct Part {
+    primitive: TrianglePrimitive,
+    triangles: Vec<[u32; 3]>,
 }
 
 /// The used vertices of one source, and where they stand in the mesh.
@@ -99,75 +215,39 @@ struct Group {
     source: VertexSource,
     /// The first primitive with this source, for messages.
     place: String,
-    /// Vertices of the source in use, ascending.
-    used: Vec<u32>,
+    used: Used,
 }
 
-/// Fills the vertex arrays and points the primitives' triangles into them.
+/// Fills the vertex arrays and points the triangles into them. Normals are zero where there are none, and are missing where
+/// no primitive has them.
 fn merge_vertices(
     document: &Document,
-    primitives: &mut [PrimitiveTriangles],
+    parts: &mut [Part],
     mesh: &mut Mesh,
     place: &str,
     warnings: &mut Warnings,
 ) -> Read<()> {
-    let groups = group(primitives, place)?;
+    let groups = group(parts, place)?;
     let any = |has: fn(&VertexSource) -> bool| groups.iter().any(|group| has(&group.source));
-    let (any_normals, any_uvs, any_colors) = (
-        any(|source| source.normal.is_some()),
-        any(|source| source.uv.is_some()),
-        any(|source| source.color.is_some()),
-    );
-    let mut uvs = Vec::new();
-    let mut colors = Vec::new();
-    let mut given_normals = Vec::new();
-    for Group {
-        source,
-        place,
-        used,
-    } in &groups
-    {
-        let positions = attributes::positions(document, source.position, used, place)?;
-        mesh.positions.extend(positions);
-        let length = mesh.positions.len();
-        if let Some(accessor) = source.normal {
-            given_normals.extend(attributes::normals(
-                document, accessor, used, place, warnings,
-            )?);
-        }
-        // Zero where there are none; they are made below.
-        given_normals.resize(if any_normals { length } else { 0 }, [0.0; 3]);
-        match source.uv {
-            Some(accessor) => {
-                uvs.extend(attributes::uvs(document, accessor, used, place, warnings)?);
-            }
-            None if any_uvs => {
-                let what = "vertices without TEXCOORD_0 beside others with it set to (0, 0)";
-                warnings.add(what, used.len() as u64, place);
-                uvs.resize(length, [0.0; 2]);
-            }
-            None => {}
-        }
-        if let Some(accessor) = source.color {
-            colors.extend(attributes::colors(
-                document, accessor, used, place, warnings,
-            )?);
-        }
-        colors.resize(if any_colors { length } else { 0 }, [u8::MAX; 4]);
+    let present = Present {
+        normals: any(|source| source.normal.is_some()),
+        uvs: any(|source| source.uv.is_some()),
+        colors: any(|source| source.color.is_some()),
+    };
+    for group in &groups {
+        let attributes = Attributes::open(document, &group.source, &group.place)?;
+        attributes.read(&group.used, present, mesh, &group.place, warnings)?;
     }
-    mesh.uvs = any_uvs.then_some(uvs);
-    mesh.colors = any_colors.then_some(colors);
-    merge_normals(primitives, mesh, given_normals, place, warnings);
     Ok(())
 }
 
 /// Gathers the primitives' vertices by source and numbers the triangles by the mesh's vertices to be.
-fn group(primitives: &mut [PrimitiveTriangles], place: &str) -> Read<Vec<Group>> {
+fn group(parts: &mut [Part], place: &str) -> Read<Vec<Group>> {
     let mut members: Vec<Vec<usize>> = Vec::new();
     let mut group_of_source = HashMap::new();
-    for (at, primitive) in primitives.iter().enumerate() {
+    for (at, part) in parts.iter().enumerate() {
         let group = *group_of_source
-            .entry(primitive.source)
+            .entry(part.primitive.source)
             .or_insert(members.len());
         if group == members.len() {
             members.push(Vec::new());
@@ -177,17 +257,18 @@ fn group(primitives: &mut [PrimitiveTriangles], place: &str) -> Read<Vec<Group>>
     let mut groups = Vec::with_capacity(members.len());
     let mut base = 0usize;
     for members in members {
-        let first = &primitives[members[0]];
-        let (source, first_place) = (first.source, first.place.clone());
-        let used = used_vertices(&members, primitives);
+        let first = &parts[members[0]].primitive;
+        let (source, vertex_count) = (first.source, first.vertex_count);
+        let first_place = first.place.clone();
+        let used = used_vertices(&members, parts);
         // Every later index is below this one.
         if base + used.len() >= u32::MAX as usize {
             let found = format!("{} or more", base + used.len());
             return Err(malformed(place, "fewer than 2^32 - 1 vertices", found));
         }
-        let numbers = Numbers::new(&used, first.vertex_count, base as u32);
+        let numbers = Numbers::new(&used, vertex_count, base as u32);
         for &member in &members {
-            for corner in primitives[member].triangles.iter_mut().flatten() {
+            for corner in parts[member].triangles.iter_mut().flatten() {
                 *corner = numbers.of(&used, *corner);
             }
         }
@@ -195,18 +276,18 @@ fn group(primitives: &mut [PrimitiveTriangles], place: &str) -> Read<Vec<Group>>
         groups.push(Group {
             source,
             place: first_place,
-            used,
+            used: Used::in_order(used),
         });
     }
     Ok(groups)
 }
 
-fn used_vertices(members: &[usize], primitives: &[PrimitiveTriangles]) -> Vec<u32> {
+fn used_vertices(members: &[usize], parts: &[Part]) -> Vec<u32> {
     let corners = || {
-        let triangles = members.iter().flat_map(|&at| &primitives[at].triangles);
+        let triangles = members.iter().flat_map(|&at| &parts[at].triangles);
         triangles.flatten().copied()
     };
-    let vertex_count = primitives[members[0]].vertex_count;
+    let vertex_count = parts[members[0]].primitive.vertex_count;
     if is_sparse(corners().count(), vertex_count) {
         let mut used: Vec<u32> = corners().collect();
         used.sort_unstable();
@@ -256,121 +337,55 @@ impl Numbers {
     }
 }
 
-/// Mends the given normals, which are zero where they are unusable, and makes those of the primitives without.
-fn merge_normals(
-    primitives: &mut [PrimitiveTriangles],
-    mesh: &mut Mesh,
-    mut given: Vec<[f32; 3]>,
-    place: &str,
-    warnings: &mut Warnings,
-) {
-    let (bare, dressed): (Vec<_>, Vec<_>) = primitives
-        .iter_mut()
-        .partition(|primitive| primitive.source.normal.is_none());
-    let mut with_normals: Vec<[u32; 3]> = Vec::new();
-    for primitive in &dressed {
-        with_normals.extend(&primitive.triangles);
-    }
-    if bare.is_empty() {
-        let mended = normals::mend(&mesh.positions, &with_normals, &mut given);
-        warnings.add("normals of no length made anew", mended, place);
-        mesh.normals = Some(given);
-        return;
-    }
-    let mut without: Vec<[u32; 3]> = Vec::new();
-    for primitive in &bare {
-        without.extend(&primitive.triangles);
-    }
-    let made = normals::make(&mesh.positions, &mut without);
-
-    // The vertices with normals keep their order and come first; the made ones follow.
-    let mut sources = Vec::new();
-    let mut number = vec![0; mesh.positions.len()];
-    let mut is_kept = vec![false; mesh.positions.len()];
-    for &vertex in with_normals.iter().flatten() {
-        is_kept[vertex as usize] = true;
-    }
-    for vertex in (0..mesh.positions.len()).filter(|&vertex| is_kept[vertex]) {
-        number[vertex] = sources.len() as u32;
-        sources.push(vertex as u32);
-    }
-    let kept = sources.len() as u32;
-    sources.extend(&made.sources);
-    let mut all_normals: Vec<[f32; 3]> = Vec::with_capacity(sources.len());
-    all_normals.extend(
-        sources[..kept as usize]
-            .iter()
-            .map(|&it| given[it as usize]),
-    );
-    gather(mesh, &sources);
-    for primitive in dressed {
-        for corner in primitive.triangles.iter_mut().flatten() {
-            *corner = number[*corner as usize];
-        }
-    }
-    let mut made_triangles = without.into_iter();
-    for primitive in bare {
-        for (triangle, made) in primitive.triangles.iter_mut().zip(&mut made_triangles) {
-            *triangle = made.map(|corner| kept + corner);
-        }
-    }
-    let kept_triangles: Vec<[u32; 3]> = with_normals
-        .into_iter()
-        .map(|triangle| triangle.map(|corner| number[corner as usize]))
-        .collect();
-    let mended = normals::mend(&mesh.positions, &kept_triangles, &mut all_normals);
-    warnings.add("normals of no length made anew", mended, place);
-    all_normals.extend(made.normals);
-    mesh.normals = Some(all_normals);
-}
-
-/// Replaces the vertices by copies of `sources`.
-fn gather(mesh: &mut Mesh, sources: &[u32]) {
-    fn pick<T: Copy>(values: &[T], sources: &[u32]) -> Vec<T> {
-        sources.iter().map(|&at| values[at as usize]).collect()
-    }
-    mesh.positions = pick(&mesh.positions, sources);
-    mesh.uvs = mesh.uvs.take().map(|it| pick(&it, sources));
-    mesh.colors = mesh.colors.take().map(|it| pick(&it, sources));
-}
-
-/// Strings the primitives' triangles together and numbers their materials by slots.
+/// Strings the primitives' triangles together and numbers their materials by slots. Gives the ranges of triangles whose
+/// primitives have no normals.
 fn merge_triangles(
     document: &Document,
-    primitives: Vec<PrimitiveTriangles>,
+    parts: Vec<Part>,
     mesh: &mut Mesh,
     place: &str,
-    warnings: &mut Warnings,
-) -> Read<()> {
-    let materials = &document.root.materials;
-    let mut slot_of_material = HashMap::new();
-    for primitive in primitives {
-        let textured = primitive.material.is_some_and(|it| {
-            materials[it]
-                .pbr_metallic_roughness
-                .base_color_texture
-                .is_some()
-        });
-        if textured && primitive.source.uv.is_none() {
-            let what = "textured primitives without TEXCOORD_0";
-            warnings.add(what, 1, &primitive.place);
+) -> Read<Vec<Range<usize>>> {
+    let mut bare: Vec<Range<usize>> = Vec::new();
+    let mut slots = Slots::default();
+    let default_material = document.root.materials.len();
+    for Part {
+        primitive,
+        triangles,
+    } in parts
+    {
+        let material = primitive.material.unwrap_or(default_material) as u32;
+        let slot = slots.slot(material, place)?;
+        let start = mesh.triangles.len();
+        let length = start + triangles.len();
+        if primitive.source.normal.is_none() {
+            match bare.last_mut() {
+                Some(range) if range.end == start => range.end = length,
+                _ => bare.push(start..length),
+            }
         }
-        let material = primitive.material.unwrap_or(materials.len()) as u32;
-        let next = mesh.material_slots.len();
-        let slot = *slot_of_material.entry(material).or_insert(next);
-        if slot == next {
-            mesh.material_slots.push(material);
-        }
-        let Ok(slot) = u16::try_from(slot) else {
-            return Err(malformed(
-                place,
-                "65536 materials at most in a mesh",
-                "more",
-            ));
-        };
-        let length = mesh.triangles.len() + primitive.triangles.len();
-        mesh.triangles.extend(primitive.triangles);
+        mesh.triangles.extend(triangles);
         mesh.triangle_materials.resize(length, slot);
     }
-    Ok(())
+    mesh.material_slots = slots.materials;
+    Ok(bare)
+}
+
+/// Materials of a mesh by slot.
+#[derive(Default)]
+pub(super) struct Slots {
+    slot_of_material: HashMap<u32, usize>,
+    pub(super) materials: Vec<u32>,
+}
+
+impl Slots {
+    /// The slot of `material`, a new one at its first mention.
+    pub(super) fn slot(&mut self, material: u32, place: &str) -> Read<u16> {
+        let next = self.materials.len();
+        let slot = *self.slot_of_material.entry(material).or_insert(next);
+        if slot == next {
+            self.materials.push(material);
+        }
+        u16::try_from(slot)
+            .map_err(|_| malformed(place, "65536 materials at most in a mesh", "more"))
+    }
 }

@@ -1,30 +1,66 @@
-//! Import: a glTF 2.0 file (`.glb` or `.gltf`) becomes an [`ImportedScene`] of plain vectors.
+//! Import: a model file becomes an [`ImportedScene`] of plain vectors, or an [`OpenedScene`] whose large meshes stay in
+//! their files.
 //!
-//! The way of the data, one file a stage:
+//! glTF 2.0 (`.glb`, `.gltf`), one file a stage:
 //! `container` (chunks) -> `json` (document) -> `features` (extensions) -> `buffers` (`uri`) ->
-//! `accessor` -> `primitive` -> `mesh` (`attributes`, `normals`) -> `nodes`, `materials`, `images`.
+//! `accessor` -> `primitive` -> `mesh` (`attributes`, `complete`, `normals`) -> `nodes`, `materials`, `images`.
+//!
+//! Mesh files: `obj` (with its `mtl`), `ply`, `stl`, each one mesh at the origin (`plain`).
 //!
 //! The `gltf` crate only types the JSON. It trusts every index and range in it, so each one is checked here,
 //! with its place in the document, before it is followed: no input can panic, loop or allocate beyond what its own
 //! bytes account for. What cannot be read is one error; what is left out is a line in [`ImportedScene::warnings`].
+//!
+//! # Meshes larger than memory
+//!
+//! [`open`] with [`OpenOptions::max_mesh_bytes`] leaves a mesh in its file whose arrays would take more than that: it becomes
+//! an [`OpenedMesh::Streamed`], a [`MeshSource`] of pieces of at most 2^18 triangles, each with its own vertex array. Files
+//! are read by position, a bounded buffer at a time, and never whole.
+//!
+//! ```no_run
+//! use lodestream_server::import::{MeshSource, OpenOptions, open};
+//! # fn show() -> Result<(), lodestream_server::import::ImportError> {
+//! let scene = open("scan.ply".as_ref(), &OpenOptions { max_mesh_bytes: 256 << 20 })?;
+//! for mesh in &scene.meshes {
+//!     for index in 0..mesh.piece_count() {
+//!         println!("{}: {} triangles", mesh.name(), mesh.piece(index)?.triangles.len());
+//!     }
+//! }
+//! # Ok(())
+//! # }
+//! ```
 
 mod accessor;
 mod attributes;
 mod buffers;
+mod color;
+mod complete;
 mod container;
+mod decompress;
 mod error;
 mod features;
+mod file;
 mod images;
 mod json;
 mod materials;
+mod mender;
 mod mesh;
 mod nodes;
 mod normals;
+mod obj;
+mod opened;
+mod plain;
+mod ply;
 mod primitive;
+mod primitive_pieces;
+mod rows;
 mod scene;
 mod source;
+mod stl;
 mod uri;
+mod used;
 mod warnings;
+mod weld;
 
 #[cfg(test)]
 mod tests;
@@ -35,10 +71,12 @@ use gltf::json::Root;
 use rayon::prelude::*;
 
 use buffers::Buffers;
-use error::{Read, cannot_read};
+use error::Read;
+use file::{Extent, InputFile};
 use warnings::Warnings;
 
 pub use error::{Fault, ImportError};
+pub use opened::{OpenOptions, OpenedMesh, OpenedScene, StreamedMesh};
 pub use scene::{
     AlphaMode, Image, ImportedScene, Instance, Material, MediaType, Mesh, SamplerWrap,
 };
@@ -47,38 +85,97 @@ pub use source::MeshSource;
 /// The document beside the bytes that its views cut out of: what every stage reads.
 struct Document<'a> {
     root: &'a Root,
-    buffers: &'a Buffers<'a>,
+    buffers: &'a Buffers,
     /// Integer positions, normals and unnormalised texture coordinates are allowed.
     quantized: bool,
 }
 
-/// Reads the glTF file at `path`, with its buffers and images.
+/// Reads the file at `path`, with the buffers, images and material libraries that it names, all into memory.
 ///
-/// The scene is the file's default one, else its first, else all its root nodes; a file without nodes gives one
-/// instance for each of its meshes. A file without triangles gives an empty scene.
+/// A glTF's scene is the file's default one, else its first, else all its root nodes; a file without nodes gives one
+/// instance for each of its meshes. An `.obj`, `.ply` or `.stl` gives one mesh at the origin. A file without triangles gives
+/// an empty scene.
 ///
 /// # Errors
 /// One line that names the file, the place in it, what was expected and what was found. External files are read only from
 /// the folder of `path` and below it; nothing is ever fetched.
 pub fn import(path: &Path) -> Result<ImportedScene, ImportError> {
+    open(path, &OpenOptions::default())?.into_imported()
+}
+
+/// Reads the file at `path` as [`import`] does, but leaves meshes in their files whose arrays would take more than
+/// `options.max_mesh_bytes`.
+///
+/// # Errors
+/// As [`import`]. What is wrong in a streamed mesh shows when its pieces are read.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<OpenedScene, ImportError> {
     let in_file = |fault| ImportError::new(path, fault);
-    let bytes = std::fs::read(path).map_err(|cause| in_file(cannot_read("file", path, &cause)))?;
+    let mut scene = open_file(path, options).map_err(in_file)?;
+    for mesh in &mut scene.meshes {
+        if let OpenedMesh::Streamed(mesh) = mesh {
+            mesh.set_file(path.to_owned());
+        }
+    }
+    Ok(scene)
+}
+
+fn open_file(path: &Path, options: &OpenOptions) -> Read<OpenedScene> {
+    let file = Extent::file(InputFile::open(path, "file")?);
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    read(&bytes, folder, &name).map_err(in_file)
+    match Format::of(path, &file)? {
+        Format::Gltf => read_gltf(&file, folder, &name, options),
+        Format::Obj => obj::read(&file, folder, &name),
+        Format::Ply => ply::read(&file, folder, &name, options),
+        Format::Stl => stl::read(&file, &name, options),
+    }
 }
 
-/// Reads the glTF in `bytes`; `folder` holds its external files, `name` stands in for a scene without a name.
-fn read(bytes: &[u8], folder: &Path, name: &str) -> Read<ImportedScene> {
+/// What a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Gltf,
+    Obj,
+    Ply,
+    Stl,
+}
+
+impl Format {
+    /// By a magic where the file has one, else by its extension, else by what its first bytes look like.
+    fn of(path: &Path, file: &Extent) -> Read<Self> {
+        const HEAD_BYTES: u64 = 512;
+        let head = file.head(HEAD_BYTES)?;
+        if head.starts_with(b"glTF") {
+            return Ok(Self::Gltf);
+        }
+        if ply::is_ply(&head) {
+            return Ok(Self::Ply);
+        }
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        Ok(match extension.to_str() {
+            Some("glb" | "gltf") => Self::Gltf,
+            Some("obj") => Self::Obj,
+            Some("ply") => Self::Ply,
+            Some("stl") => Self::Stl,
+            _ if stl::is_binary(file)? || stl::looks_like_text(&head) => Self::Stl,
+            _ if obj::looks_like_text(&head) => Self::Obj,
+            // A JSON object, or something whose error names what it is not.
+            _ => Self::Gltf,
+        })
+    }
+}
+
+/// Reads the glTF in `file`; `folder` holds its external files, `name` stands in for a scene without a name.
+fn read_gltf(file: &Extent, folder: &Path, name: &str, options: &OpenOptions) -> Read<OpenedScene> {
     let mut warnings = Warnings::default();
-    let container = container::split(bytes, &mut warnings)?;
-    let root = json::parse(container.json)?;
+    let container = container::split(file, &mut warnings)?;
+    let root = json::parse(&container.json)?;
     features::check(&root, &mut warnings)?;
 
-    let buffers = Buffers::load(&root, container.bin, folder)?;
+    let buffers = Buffers::open(&root, container.bin.as_ref(), folder)?;
     let document = Document {
         root: &root,
         buffers: &buffers,
@@ -86,11 +183,11 @@ fn read(bytes: &[u8], folder: &Path, name: &str) -> Read<ImportedScene> {
     };
     let placed = nodes::place(&document, &mut warnings)?;
     mesh::check_sharing(&document, &placed)?;
-    let built = build_meshes(&document, &placed)?;
+    let built = build_meshes(&document, &placed, options.max_mesh_bytes)?;
 
-    let mut scene = ImportedScene {
+    let mut scene = OpenedScene {
         name: placed.scene_name.clone().unwrap_or_else(|| name.to_owned()),
-        ..ImportedScene::default()
+        ..OpenedScene::default()
     };
     let mut mesh_of_source = vec![None; root.meshes.len()];
     let mut default_material = false;
@@ -99,7 +196,7 @@ fn read(bytes: &[u8], folder: &Path, name: &str) -> Read<ImportedScene> {
         scene.source_triangles += built.source_triangles;
         let Some(mesh) = built.mesh else { continue };
         default_material |= mesh
-            .material_slots
+            .material_slots()
             .iter()
             .any(|&material| material as usize == root.materials.len());
         mesh_of_source[source] = Some(scene.meshes.len() as u32);
@@ -124,13 +221,14 @@ fn read(bytes: &[u8], folder: &Path, name: &str) -> Read<ImportedScene> {
 fn build_meshes(
     document: &Document,
     placed: &nodes::Placed,
+    most_mesh_bytes: u64,
 ) -> Read<Vec<(usize, mesh::BuiltMesh)>> {
     let sources: Vec<usize> = (0..document.root.meshes.len())
         .filter(|&source| placed.mesh_used[source])
         .collect();
     let built: Vec<Read<mesh::BuiltMesh>> = sources
         .par_iter()
-        .map(|&source| mesh::build(document, source))
+        .map(|&source| mesh::build(document, source, most_mesh_bytes))
         .collect();
     sources
         .into_iter()

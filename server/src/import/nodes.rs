@@ -270,22 +270,22 @@ fn compose(translation: [f32; 3], rotation: [f32; 4], scale: [f32; 3]) -> DAffin
 }
 
 /// The transforms of `EXT_mesh_gpu_instancing`.
-struct Instancing<'a> {
+struct Instancing {
     count: usize,
-    translation: Option<Accessor<'a>>,
-    rotation: Option<Accessor<'a>>,
-    scale: Option<Accessor<'a>>,
+    translation: Option<Vec<[f32; 3]>>,
+    rotation: Option<Vec<[f32; 4]>>,
+    scale: Option<Vec<[f32; 3]>>,
 }
 
 const FLOAT: &[Component] = &[(F32, None)];
 const ROTATION: &[Component] = &[(F32, None), (I8, Some(true)), (I16, Some(true))];
 
-fn instancing<'a>(
-    document: &Document<'a>,
+fn instancing(
+    document: &Document,
     node: &Node,
     place: &str,
     warnings: &mut Warnings,
-) -> Read<Option<Instancing<'a>>> {
+) -> Read<Option<Instancing>> {
     let extensions = node.extensions.as_ref().map(|it| &it.others);
     let Some(extension) = extensions.and_then(|it| it.get(features::INSTANCING)) else {
         return Ok(None);
@@ -306,10 +306,9 @@ fn instancing<'a>(
         let Some(index) = index.as_u64().and_then(|it| usize::try_from(it).ok()) else {
             return Err(malformed(place, "an accessor's index", index));
         };
-        let (slot, lanes, components) = match name.as_str() {
-            "TRANSLATION" => (&mut instancing.translation, 3, FLOAT),
-            "ROTATION" => (&mut instancing.rotation, 4, ROTATION),
-            "SCALE" => (&mut instancing.scale, 3, FLOAT),
+        let (lanes, components) = match name.as_str() {
+            "TRANSLATION" | "SCALE" => (3, FLOAT),
+            "ROTATION" => (4, ROTATION),
             _ => {
                 warnings.add(format!("instance attributes {name} left out"), 1, &place);
                 continue;
@@ -321,7 +320,12 @@ fn instancing<'a>(
             let expected = "as many elements as the other attributes";
             return Err(malformed(place, expected, accessor.count));
         }
-        *slot = Some(accessor);
+        // An accessor without a buffer view has few elements, any other its bytes in the file.
+        match name.as_str() {
+            "TRANSLATION" => instancing.translation = Some(accessor.all_floats()?),
+            "SCALE" => instancing.scale = Some(accessor.all_floats()?),
+            _ => instancing.rotation = Some(accessor.all_floats()?),
+        }
     }
     match count {
         Some(count) => {
@@ -332,12 +336,12 @@ fn instancing<'a>(
     }
 }
 
-impl Instancing<'_> {
+impl Instancing {
     /// `node_from_instance` of instance `at < count`.
     fn get(&self, at: usize, place: &str) -> Read<DAffine3> {
-        let translation = self.translation.as_ref().map(|it| it.floats(at));
-        let rotation = self.rotation.as_ref().map(|it| it.floats(at));
-        let scale = self.scale.as_ref().map(|it| it.floats(at));
+        let translation = self.translation.as_ref().map(|it| it[at]);
+        let rotation = self.rotation.as_ref().map(|it| it[at]);
+        let scale = self.scale.as_ref().map(|it| it[at]);
         let node_from_instance = compose(
             translation.unwrap_or([0.0; 3]),
             rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]),

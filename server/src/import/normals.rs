@@ -13,6 +13,8 @@ use std::collections::HashMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::scene::Mesh;
+
 /// Cosine of 40 degrees: sharper edges than this stay sharp.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 /// Up to here every face around a position is compared with every other; beyond, by cells of like direction.
@@ -22,7 +24,7 @@ const CELLS_PER_SIDE: f64 = 32.0;
 /// Positions one task handles; fixed, so that the order of new vertices does not hang on the thread count.
 const POSITIONS_PER_TASK: usize = 8192;
 /// What a corner gets that touches no face with an area.
-const NO_FACE: [f32; 3] = [0.0, 0.0, 1.0];
+pub(super) const NO_FACE: [f32; 3] = [0.0, 0.0, 1.0];
 
 /// New vertices, each a copy of an old one with a normal.
 #[derive(Default)]
@@ -93,6 +95,16 @@ pub(super) fn mend(
         normals[vertex as usize] = unit(normal);
     }
     mended
+}
+
+/// Replaces the vertices, normals apart, by copies of `sources`.
+pub(super) fn gather(mesh: &mut Mesh, sources: &[u32]) {
+    fn pick<T: Copy>(values: &[T], sources: &[u32]) -> Vec<T> {
+        sources.iter().map(|&at| values[at as usize]).collect()
+    }
+    mesh.positions = pick(&mesh.positions, sources);
+    mesh.uvs = mesh.uvs.take().map(|it| pick(&it, sources));
+    mesh.colors = mesh.colors.take().map(|it| pick(&it, sources));
 }
 
 /// Corners by position. A corner is `3 * triangle + place in it`.
@@ -279,7 +291,7 @@ fn octahedral_cell(direction: DVec3) -> u32 {
 }
 
 /// Unit normal, counter-clockwise; zero where the area is zero.
-fn face_normal(positions: &[[f32; 3]], triangle: &[u32; 3]) -> [f32; 3] {
+pub(super) fn face_normal(positions: &[[f32; 3]], triangle: &[u32; 3]) -> [f32; 3] {
     let [a, b, c] = triangle.map(|vertex| position(positions, vertex));
     let normal = (b - a).cross(c - a);
     match normal == DVec3::ZERO {
@@ -289,7 +301,7 @@ fn face_normal(positions: &[[f32; 3]], triangle: &[u32; 3]) -> [f32; 3] {
 }
 
 /// Radians at a corner of a triangle; 0 where a side has no length.
-fn angle(positions: &[[f32; 3]], triangle: &[u32; 3], corner: usize) -> f64 {
+pub(super) fn angle(positions: &[[f32; 3]], triangle: &[u32; 3], corner: usize) -> f64 {
     let at = |step: usize| position(positions, triangle[(corner + step) % 3]);
     let (left, right) = (at(1) - at(0), at(2) - at(0));
     left.cross(right).length().atan2(left.dot(right))
@@ -300,7 +312,7 @@ fn position(positions: &[[f32; 3]], vertex: u32) -> DVec3 {
 }
 
 /// `vector` at unit length, `NO_FACE` where it has none.
-fn unit(vector: DVec3) -> [f32; 3] {
+pub(super) fn unit(vector: DVec3) -> [f32; 3] {
     // Scaled first: the square of a cross product of f32 denormals would vanish.
     let largest = vector.abs().max_element();
     if largest == 0.0 {

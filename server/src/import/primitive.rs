@@ -1,4 +1,6 @@
-//! Primitive: one glTF primitive to triangles over its vertex accessors.
+//! Primitive: one glTF primitive, its triangles by ranges over its vertex accessors.
+
+use std::ops::Range;
 
 use gltf::json::accessor::ComponentType;
 use gltf::json::mesh::{Mode, Primitive, Semantic};
@@ -9,6 +11,7 @@ use super::accessor::{Accessor, Component};
 use super::buffers::out_of_range;
 use super::error::{Read, malformed};
 use super::features;
+use super::materials;
 use super::warnings::Warnings;
 
 /// The accessors that make up a primitive's vertices. Primitives with equal sources share their vertices.
@@ -16,85 +19,170 @@ use super::warnings::Warnings;
 pub(super) struct VertexSource {
     pub(super) position: usize,
     pub(super) normal: Option<usize>,
-    pub(super) uv: Option<usize>,
+    /// The set `N` of `TEXCOORD_N`, the one that the material's base colour uses, and its accessor.
+    pub(super) uv: Option<(u32, usize)>,
     pub(super) color: Option<usize>,
 }
 
-/// A primitive's triangles.
-pub(super) struct PrimitiveTriangles {
+/// A primitive of triangles, checked; no element is read yet.
+pub(super) struct TrianglePrimitive {
     /// `meshes[3].primitives[0]`
     pub(super) place: String,
     pub(super) source: VertexSource,
     /// Vertices that `source` holds; the triangles use some of them.
     pub(super) vertex_count: usize,
-    /// Three different indices below `vertex_count` each.
-    pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the document's materials.
     pub(super) material: Option<usize>,
-    /// `triangles` and those of a list that repeat an index.
-    pub(super) source_triangles: u64,
+    /// Triangles as the specification counts them, those that repeat an index among them.
+    pub(super) triangle_count: u64,
+    mode: Mode,
+    corners: Corners,
 }
 
-/// Reads the triangles of `primitive`, or notes why it has none.
-pub(super) fn read(
+/// Checks `primitive`, or notes why it has no triangles.
+pub(super) fn check(
     document: &Document,
     primitive: &Primitive,
     place: String,
     warnings: &mut Warnings,
-) -> Read<Option<PrimitiveTriangles>> {
+) -> Read<Option<TrianglePrimitive>> {
     if let Some(mode) = features::mode_without_triangles(primitive.mode) {
         warnings.add(format!("{mode} primitives left out"), 1, &place);
         return Ok(None);
     }
     let Checked::Valid(mode) = primitive.mode else {
-        return Err(malformed(
-            format!("{place}.mode"),
-            "a number in 0..=6",
-            "another",
-        ));
+        let place = format!("{place}.mode");
+        return Err(malformed(place, "a number in 0..=6", "another"));
     };
+    features::check_primitive(document.root, primitive, &place, warnings)?;
     let targets = primitive.targets.as_ref().map_or(0, Vec::len);
     warnings.add("morph targets left out", targets as u64, &place);
-    let Some((source, vertex_count)) = read_source(document, primitive, &place, warnings)? else {
-        warnings.add("primitives without POSITION left out", 1, &place);
-        return Ok(None);
-    };
     let material = primitive.material.map(|material| material.value());
     let materials = document.root.materials.len();
     if let Some(material) = material.filter(|&material| material >= materials) {
         let place = format!("{place}.material");
         return Err(out_of_range(&place, "materials", materials, material));
     }
+    let uv_set = material.map_or(0, |it| materials::uv_set(&document.root.materials[it]));
+    let source = read_source(document, primitive, uv_set, &place, warnings)?;
+    let Some((source, vertex_count)) = source else {
+        warnings.add("primitives without POSITION left out", 1, &place);
+        return Ok(None);
+    };
     let corners = Corners::open(document, primitive, vertex_count, &place)?;
-    if mode == Mode::Triangles {
-        let rest = corners.count() % 3;
-        warnings.add(
-            "corners after the last whole triangle left out",
-            rest as u64,
-            &place,
-        );
-    }
-    let mut triangles = read_triangles(&corners, mode)?;
-    let listed = triangles.len();
-    triangles.retain(|[a, b, c]| a != b && b != c && c != a);
-    let repeated = (listed - triangles.len()) as u64;
-    // A strip or fan repeats an index to turn a corner; in a list it is a triangle that its author wrote.
-    let repeated = if mode == Mode::Triangles { repeated } else { 0 };
-    warnings.add("triangles with a repeated index left out", repeated, &place);
-    Ok(Some(PrimitiveTriangles {
-        source_triangles: triangles.len() as u64 + repeated,
+    let count = corners.count() as u64;
+    let triangle_count = match mode {
+        Mode::Triangles => {
+            let what = "corners after the last whole triangle left out";
+            warnings.add(what, count % 3, &place);
+            count / 3
+        }
+        _ => count.saturating_sub(2),
+    };
+    Ok(Some(TrianglePrimitive {
         place,
         source,
         vertex_count,
-        triangles,
         material,
+        triangle_count,
+        mode,
+        corners,
     }))
+}
+
+fn repeats([a, b, c]: [u32; 3]) -> bool {
+    a == b || b == c || c == a
+}
+
+impl TrianglePrimitive {
+    /// The triangles `range` of the primitive without those that repeat an index: three different indices below
+    /// `vertex_count` each.
+    pub(super) fn triangles(
+        &self,
+        range: Range<u64>,
+        warnings: &mut Warnings,
+    ) -> Read<Vec<[u32; 3]>> {
+        let mut triangles = Vec::with_capacity((range.end - range.start) as usize);
+        let mut repeated = 0;
+        self.visit(range, |triangle| match repeats(triangle) {
+            true => repeated += 1,
+            false => triangles.push(triangle),
+        })?;
+        // A strip or fan repeats an index to turn a corner; in a list it is a triangle that its author wrote.
+        if self.mode == Mode::Triangles {
+            let what = "triangles with a repeated index left out";
+            warnings.add(what, repeated, &self.place);
+        }
+        Ok(triangles)
+    }
+
+    /// Triangles that an author meant: all of a list, those of a strip or fan that do not only stitch.
+    pub(super) fn meant_triangles(&self) -> Read<u64> {
+        if self.mode == Mode::Triangles {
+            return Ok(self.triangle_count);
+        }
+        let mut meant = 0;
+        self.visit(0..self.triangle_count, |triangle| {
+            meant += u64::from(!repeats(triangle));
+        })?;
+        Ok(meant)
+    }
+
+    /// Whether [`TrianglePrimitive::meant_triangles`] is the count of triangles whatever they are.
+    pub(super) fn is_list(&self) -> bool {
+        self.mode == Mode::Triangles
+    }
+
+    /// Triangles in the specification's order of corners (glTF 2.0, 3.7.2.1).
+    fn visit(&self, range: Range<u64>, mut emit: impl FnMut([u32; 3])) -> Read<()> {
+        if range.is_empty() {
+            return Ok(());
+        }
+        let Range { start, end } = range;
+        // The two corners before.
+        let (mut older, mut old) = (0, 0);
+        match self.mode {
+            Mode::TriangleStrip => self.corners.visit(start..end + 2, |at, corner| {
+                if at >= start + 2 {
+                    emit(match at % 2 {
+                        0 => [older, old, corner],
+                        _ => [older, corner, old],
+                    });
+                }
+                (older, old) = (old, corner);
+            }),
+            Mode::TriangleFan => {
+                let mut hub = 0;
+                self.corners.visit(0..1, |_, corner| hub = corner)?;
+                self.corners.visit(start + 1..end + 2, |at, corner| {
+                    if at >= start + 2 {
+                        emit([old, corner, hub]);
+                    }
+                    old = corner;
+                })
+            }
+            _ => {
+                // Counting is cheaper than a division a corner.
+                let mut place = 0;
+                self.corners.visit(3 * start..3 * end, |_, corner| {
+                    if place == 2 {
+                        emit([older, old, corner]);
+                        place = 0;
+                    } else {
+                        place += 1;
+                    }
+                    (older, old) = (old, corner);
+                })
+            }
+        }
+    }
 }
 
 /// Checks every attribute's accessor and count; `None` without POSITION.
 fn read_source(
     document: &Document,
     primitive: &Primitive,
+    uv_set: u32,
     place: &str,
     warnings: &mut Warnings,
 ) -> Read<Option<(VertexSource, usize)>> {
@@ -117,18 +205,19 @@ fn read_source(
             let attribute = format!("{attribute} (accessor {})", index.value());
             return Err(malformed(attribute, expected, found));
         }
-        // JOINTS and WEIGHTS go with their skins, which have a line of their own.
-        if !matches!(
-            semantic,
+        let read = match semantic {
+            Checked::Valid(Semantic::TexCoords(set)) => *set == uv_set,
+            // JOINTS and WEIGHTS go with their skins, which have a line of their own.
             Checked::Valid(
                 Semantic::Positions
-                    | Semantic::Normals
-                    | Semantic::TexCoords(0)
-                    | Semantic::Colors(0)
-                    | Semantic::Joints(_)
-                    | Semantic::Weights(_)
-            )
-        ) {
+                | Semantic::Normals
+                | Semantic::Colors(0)
+                | Semantic::Joints(_)
+                | Semantic::Weights(_),
+            ) => true,
+            _ => false,
+        };
+        if !read {
             warnings.add(format!("attributes {name} left out"), 1, place);
         }
     }
@@ -143,16 +232,16 @@ fn read_source(
     let source = VertexSource {
         position: position.value(),
         normal: index_of(Semantic::Normals),
-        uv: index_of(Semantic::TexCoords(0)),
+        uv: index_of(Semantic::TexCoords(uv_set)).map(|index| (uv_set, index)),
         color: index_of(Semantic::Colors(0)),
     };
     Ok(Some((source, vertex_count)))
 }
 
 /// The order in which a primitive visits its vertices.
-enum Corners<'a> {
+enum Corners {
     Indexed {
-        indices: Accessor<'a>,
+        indices: Accessor,
         vertex_count: usize,
         /// The largest value of the component type, which the specification keeps free.
         restart: u32,
@@ -166,9 +255,9 @@ const INDEX_COMPONENTS: &[Component] = &[
     (ComponentType::U32, Some(false)),
 ];
 
-impl<'a> Corners<'a> {
+impl Corners {
     fn open(
-        document: &Document<'a>,
+        document: &Document,
         primitive: &Primitive,
         vertex_count: usize,
         place: &str,
@@ -192,16 +281,18 @@ impl<'a> Corners<'a> {
         }
     }
 
-    /// The vertex at corner `at < count`.
-    fn vertex(&self, at: usize) -> Read<u32> {
+    /// Gives the vertices at the corners `range`, which lies below the count, to `visit`.
+    fn visit(&self, range: Range<u64>, mut visit: impl FnMut(u64, u32)) -> Read<()> {
         match self {
-            Self::InOrder(_) => Ok(at as u32),
+            Self::InOrder(_) => {
+                range.for_each(|at| visit(at, at as u32));
+                Ok(())
+            }
             Self::Indexed {
                 indices,
                 vertex_count,
                 restart,
-            } => {
-                let vertex = indices.unsigned(at);
+            } => indices.visit_unsigned(range, |at, vertex| {
                 if vertex == *restart || vertex as usize >= *vertex_count {
                     let restarts = if vertex == *restart {
                         ", the restart value,"
@@ -212,27 +303,9 @@ impl<'a> Corners<'a> {
                     let found = format!("{vertex}{restarts} at element {at}");
                     return Err(malformed(&indices.place, expected, found));
                 }
-                Ok(vertex)
-            }
+                visit(at, vertex);
+                Ok(())
+            }),
         }
     }
-}
-
-/// The triangles in the specification's order of corners (glTF 2.0, 3.7.2.1), those that repeat an index among them.
-fn read_triangles(corners: &Corners, mode: Mode) -> Read<Vec<[u32; 3]>> {
-    let count = corners.count();
-    let triangle_count = match mode {
-        Mode::Triangles => count / 3,
-        _ => count.saturating_sub(2),
-    };
-    let mut triangles = Vec::with_capacity(triangle_count);
-    for at in 0..triangle_count {
-        let [a, b, c] = match mode {
-            Mode::TriangleStrip => [at, at + 1 + at % 2, at + 2 - at % 2],
-            Mode::TriangleFan => [at + 1, at + 2, 0],
-            _ => [3 * at, 3 * at + 1, 3 * at + 2],
-        };
-        triangles.push([corners.vertex(a)?, corners.vertex(b)?, corners.vertex(c)?]);
-    }
-    Ok(triangles)
 }

@@ -1,4 +1,5 @@
-//! The imported scene: plain vectors, nothing of glTF left but its conventions (right-handed, +Y up, metres, `v` down).
+//! The imported scene: plain vectors, nothing of the file's format left. The conventions are glTF's: right-handed, +Y up,
+//! metres, `v` down.
 
 use glam::DAffine3;
 
@@ -22,14 +23,15 @@ pub struct ImportedScene {
     pub source_triangles: u64,
 }
 
-/// One glTF mesh, its primitives merged over one vertex array.
+/// One mesh: the primitives of a glTF mesh merged over one vertex array, or all of a mesh file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// The file's name for it, else `mesh_N`.
     pub name: String,
     /// Object space, finite. Every vertex is used by a triangle.
     pub positions: Vec<[f32; 3]>,
-    /// Unit length; as long as `positions`. Made where the file has none, so `None` only in a mesh without triangles.
+    /// Unit length; as long as `positions`. Made where the file has none, so `None` only in a mesh without triangles and in the
+    /// pieces of a [`StreamedMesh`](super::StreamedMesh).
     pub normals: Option<Vec<[f32; 3]>>,
     /// `TEXCOORD_0`, finite, as long as `positions`; `None` where no primitive has it.
     pub uvs: Option<Vec<[f32; 2]>>,

@@ -30,16 +30,21 @@ pub(super) fn resolve(uri: &str, folder: &Path, place: &str) -> Read<Target> {
     if name.chars().any(char::is_control) {
         return Err(malformed(place, "a file name", "a control character"));
     }
+    file_below(&name, folder, place).map(Target::File)
+}
+
+/// The existing file `name`, a path relative to `folder`, links resolved; the same refusals as [`resolve`].
+pub(super) fn file_below(name: &str, folder: &Path, place: &str) -> Read<PathBuf> {
     let inside = |component| matches!(component, Component::Normal(_) | Component::CurDir);
     // A backslash separates on Windows only; refusing it everywhere keeps a file's meaning the same everywhere.
-    if name.is_empty() || name.contains('\\') || !Path::new(&name).components().all(inside) {
+    if name.is_empty() || name.contains('\\') || !Path::new(name).components().all(inside) {
         return Err(malformed(
             place,
             "a relative path below the model's folder",
             name,
         ));
     }
-    let path = folder.join(&name);
+    let path = folder.join(name);
     let real = path
         .canonicalize()
         .map_err(|cause| cannot_read(place, &path, &cause))?;
@@ -54,7 +59,7 @@ pub(super) fn resolve(uri: &str, folder: &Path, place: &str) -> Read<Target> {
     if !real.is_file() {
         return Err(malformed(place, "a regular file", name));
     }
-    Ok(Target::File(real))
+    Ok(real)
 }
 
 /// `file` of `file:///x`, `c` of `c:/x`.

@@ -5,14 +5,14 @@ use std::collections::HashMap;
 use super::error::one_line;
 
 /// Kinds in the order of their first mention. A file of ten thousand meshes that all lack the same thing gives one line.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Warnings {
     kinds: Vec<Kind>,
     /// Names out of the file make kinds, so there may be very many.
     at: HashMap<String, usize>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Kind {
     what: String,
     amount: u64,
@@ -31,6 +31,10 @@ impl Warnings {
                 first_place: place.to_owned(),
             });
         }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.kinds.is_empty()
     }
 
     /// Appends what another stage noted.

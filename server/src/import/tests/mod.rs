@@ -3,7 +3,9 @@
 // A failing unwrap is a failing test.
 #![allow(clippy::unwrap_used)]
 
+mod extensions;
 mod normals;
+mod ranges;
 mod robust;
 mod scene;
 
@@ -11,7 +13,9 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
+use super::OpenOptions;
 use super::error::Fault;
+use super::file::Extent;
 use super::scene::ImportedScene;
 
 const FLOAT: u32 = 5126;
@@ -93,7 +97,7 @@ impl File {
     }
 
     fn read(&self) -> Result<ImportedScene, Fault> {
-        super::read(&self.glb(), Path::new("."), "test")
+        read(&self.glb())
     }
 
     fn scene(&self) -> ImportedScene {
@@ -118,6 +122,14 @@ fn quad() -> File {
     let indices = file.indices(&[0, 1, 2, 0, 2, 3]);
     file.primitive(json!({"attributes": {"POSITION": position}, "indices": indices}));
     file
+}
+
+/// Reads a file in memory.
+fn read(bytes: &[u8]) -> Result<ImportedScene, Fault> {
+    let file = Extent::memory(bytes.to_vec());
+    let options = OpenOptions::default();
+    let scene = super::read_gltf(&file, Path::new("."), "test", &options)?;
+    scene.into_imported().map_err(|error| error.fault)
 }
 
 /// A picture of 3 by 2 pixels.

@@ -1,10 +1,8 @@
 //! Broken input: a fault that names its place, and never a panic.
 
-use std::path::Path;
-
 use serde_json::{Value, json};
 
-use super::{File, picture, quad};
+use super::{File, picture, quad, read};
 
 #[test]
 fn faults_name_their_place() {
@@ -82,7 +80,6 @@ fn no_cut_or_flipped_byte_panics() {
         {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}},
     ]);
     let whole = file.glb();
-    let read = |bytes: &[u8]| crate::import::read(bytes, Path::new("."), "cut");
     assert!(read(&whole).is_ok());
     for length in 0..whole.len() {
         assert!(read(&whole[..length]).is_err(), "cut to {length}");

@@ -227,7 +227,7 @@ fn primitives_without_an_attribute_get_one_made() {
     }
     let warnings = scene.warnings.join("\n");
     for (what, amount) in [
-        ("without TEXCOORD_0", 4),
+        ("without texture coordinates", 4),
         ("brought to unit length", 1),
         ("of no length made anew", 2),
         ("clamped to 0..1", 4),
