@@ -25,7 +25,8 @@ pub(super) struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// Build a scene from glTF files and publish it.
+    /// Build a scene from glTF files and publish it; what the library holds already is not built again.
+    #[command(after_help = JOBS_HELP)]
     Ingest(IngestArgs),
     /// Serve a library over HTTP/1.1 and cleartext HTTP/2 on one port.
     Serve(ServeArgs),
@@ -43,11 +44,24 @@ pub(super) enum Command {
     Export(ExportArgs),
 }
 
+/// How an ingest is spread over machines.
+const JOBS_HELP: &str = "\
+On many machines that share the library and the inputs:
+  ingest INPUT... --library LIB --scene NAME --plan --jobs 8
+  ingest --library LIB --scene NAME --job I      for each I of 0 to 7, in any order, at once, again after a failure
+  ingest --library LIB --scene NAME --finish     publishes what a plain ingest would; needs no inputs
+The second line as jobs:
+  GNU parallel   parallel -q lodestream-server ingest --library LIB --scene NAME --job {} ::: $(seq 0 7)
+  Slurm          sbatch --array=0-7 --wrap 'lodestream-server ingest --library LIB --scene NAME --job auto'
+  Kubernetes     completionMode: Indexed, completions: 8, the same command with --job auto
+The plan and what is built lie in the library. gc leaves them while the last job started within its grace period.";
+
 /// Options of `ingest`.
 #[derive(Debug, Args)]
 pub(super) struct IngestArgs {
-    /// .glb or .gltf files; several make one scene.
-    #[arg(required = true, value_name = "INPUT")]
+    /// .glb or .gltf files; several make one scene. With --job only where they lie elsewhere than the plan says, all of them in
+    /// its order.
+    #[arg(required_unless_present_any = ["job", "finish"], value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
     /// Folder (made where there is none), or memory:// for a trial that keeps nothing.
     #[arg(long, value_name = "LIB")]
@@ -67,6 +81,21 @@ pub(super) struct IngestArgs {
     /// Compression of the pages: zstd, lz4 or none.
     #[arg(long, value_name = "CODEC", default_value = "zstd", value_parser = values::codec)]
     pub codec: Codec,
+    /// Build also the meshes that the library holds already, built with the same options; mends what verify finds damaged.
+    #[arg(long)]
+    pub rebuild: bool,
+    /// Only store a plan, under the scene's name, that deals the meshes to --jobs jobs; build and publish nothing.
+    #[arg(long, requires = "jobs", conflicts_with_all = ["job", "finish", "rebuild"])]
+    pub plan: bool,
+    /// Jobs of the plan, at most 65536.
+    #[arg(long, value_name = "K", requires = "plan", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub jobs: Option<u32>,
+    /// Build the meshes of one job of the plan, from 0; auto takes SLURM_ARRAY_TASK_ID or JOB_COMPLETION_INDEX.
+    #[arg(long, value_name = "I|auto", value_parser = values::job, conflicts_with_all = ["finish", "position_step", "codec"])]
+    pub job: Option<u32>,
+    /// Publish the planned scene once all its jobs are done; names those that are not.
+    #[arg(long, conflicts_with_all = ["inputs", "rebuild", "threads", "memory_limit", "position_step", "codec"])]
+    pub finish: bool,
     /// Write what was done as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

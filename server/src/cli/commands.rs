@@ -6,11 +6,10 @@ use std::path::PathBuf;
 use lodestream_format::{Asset, ContentHash};
 use tokio::runtime::Handle;
 
-use super::args::{Command, ExportArgs, GcArgs, IngestArgs, LibraryArgs, SceneArgs, VerifyArgs};
+use super::args::{Command, ExportArgs, GcArgs, LibraryArgs, SceneArgs, VerifyArgs};
 use super::output::{self, line};
-use crate::build::BuildOptions;
 use crate::export::{self, Detail, ExportError};
-use crate::ingest::{self, IngestError, IngestOptions};
+use crate::ingest::IngestError;
 use crate::library::{GcOptions, Library, LibraryError};
 use crate::verify;
 
@@ -21,6 +20,8 @@ pub(super) enum CommandError {
     Library(#[from] LibraryError),
     #[error(transparent)]
     Ingest(Box<IngestError>),
+    #[error("--plan: expected a library that outlives this command, found memory://")]
+    PlanInMemory,
     #[error(transparent)]
     Export(Box<ExportError>),
     #[error("{found}: expected no fault, found {faults}")]
@@ -48,7 +49,7 @@ pub(super) fn run(command: Command, quiet: bool) -> Result<(), CommandError> {
         .map_err(CommandError::Runtime)?;
     let handle = runtime.handle();
     match command {
-        Command::Ingest(args) => ingest(handle, args, quiet),
+        Command::Ingest(args) => super::ingest::ingest(handle, args, quiet),
         Command::List(args) => list(handle, &args),
         Command::Show(args) => show(handle, &args),
         Command::Remove(args) => remove(handle, &args, quiet),
@@ -57,46 +58,6 @@ pub(super) fn run(command: Command, quiet: bool) -> Result<(), CommandError> {
         Command::Export(args) => export(handle, &args, quiet),
         Command::Serve(args) => super::serve::serve(args),
     }
-}
-
-fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(), CommandError> {
-    let library = Library::open_or_create(&args.library)?;
-    let options = IngestOptions {
-        inputs: args.inputs,
-        scene: args.scene,
-        threads: args.threads,
-        memory_limit_bytes: args.memory_limit,
-        build: BuildOptions {
-            position_step: args.position_step,
-            codec: args.codec,
-        },
-        progress: !quiet,
-    };
-    let done = ingest::ingest(handle, &library, &options)
-        .map_err(|error| CommandError::Ingest(Box::new(error)))?;
-    output::report(args.report.as_deref(), &done)?;
-    if !quiet {
-        for warning in &done.warnings {
-            tracing::info!("{warning}");
-        }
-        if !done.warnings.is_empty() {
-            tracing::warn!(
-                "{} warnings; -v, show and --report tell them",
-                done.warnings.len()
-            );
-        }
-        line(format_args!(
-            "{}: {} triangles in {} assets and {} instances, {} pages, {} bytes, {:.2} s",
-            options.scene,
-            done.input_triangles,
-            done.assets,
-            done.instances,
-            done.pages,
-            done.bytes.stored + done.bytes.hierarchy + done.bytes.textures,
-            done.seconds.total,
-        ));
-    }
-    Ok(())
 }
 
 fn list(handle: &Handle, args: &LibraryArgs) -> Result<(), CommandError> {
@@ -205,8 +166,15 @@ fn gc(handle: &Handle, args: &GcArgs, quiet: bool) -> Result<(), CommandError> {
     if !quiet {
         let verb = if args.dry_run { "would go" } else { "removed" };
         line(format_args!(
-            "{} objects of {} bytes {verb}, {} live, {} too young",
-            done.removed, done.removed_bytes, done.live, done.young,
+            "{} objects of {} bytes {verb}, {} live, {} too young; {} build records and {} plans {verb}, {} and {} stay",
+            done.removed,
+            done.removed_bytes,
+            done.live,
+            done.young,
+            done.removed_records,
+            done.removed_plans,
+            done.records,
+            done.plans,
         ));
     }
     Ok(())

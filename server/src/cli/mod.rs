@@ -4,6 +4,7 @@
 
 mod args;
 mod commands;
+mod ingest;
 mod output;
 mod serve;
 mod values;

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use super::IngestError;
-use super::merge::Merged;
+use super::assets::KeyedMesh;
+use super::merge::MergedImage;
 use crate::import::Mesh;
 
 /// Bytes that a build takes at its peak for each source triangle, beside the mesh. Measured: 170 (positions only, closed) to
@@ -12,7 +13,7 @@ const BUILD_BYTES_A_TRIANGLE: u64 = 500;
 /// Bytes of memory for a byte of an input file while it is imported: the file, its decoded arrays, and their merge.
 const IMPORT_BYTES_A_BYTE: u64 = 4;
 /// Meshes of more triangles are built alone where the limit does not ask for less.
-const LARGE_TRIANGLES: usize = 200_000;
+const LARGE_TRIANGLES: u64 = 200_000;
 
 /// Refuses inputs whose import alone would not fit.
 pub(super) fn check_inputs(inputs: &[PathBuf], limit: Option<u64>) -> Result<(), IngestError> {
@@ -32,33 +33,26 @@ pub(super) fn check_inputs(inputs: &[PathBuf], limit: Option<u64>) -> Result<(),
     )
 }
 
-/// Refuses scenes whose largest mesh would not fit; gives the triangles above which a mesh is to be built alone.
-pub(super) fn check_build(merged: &Merged, limit: Option<u64>) -> Result<usize, IngestError> {
-    let held: u64 = merged
-        .meshes
-        .iter()
-        .map(|mesh| mesh_bytes(&mesh.mesh))
-        .sum();
-    let images: u64 = merged
-        .images
-        .iter()
-        .map(|image| image.bytes.len() as u64)
-        .sum();
-    let held = held + images;
-    let Some(largest) = merged
-        .meshes
-        .iter()
-        .max_by_key(|mesh| mesh.mesh.triangles.len())
-    else {
+/// Refuses where the largest of `meshes` would not fit beside what is held; gives the triangles above which a mesh is to be
+/// built alone.
+pub(super) fn check_build(
+    meshes: &[KeyedMesh],
+    images: &[MergedImage],
+    limit: Option<u64>,
+) -> Result<u64, IngestError> {
+    let held = meshes.iter().map(|keyed| mesh_bytes(&keyed.mesh.mesh));
+    let images = images.iter().map(|image| image.bytes.len() as u64);
+    let held = held.sum::<u64>() + images.sum::<u64>();
+    let Some(largest) = meshes.iter().max_by_key(|keyed| keyed.mesh.triangles) else {
         return Ok(LARGE_TRIANGLES);
     };
-    let largest_bytes = largest.mesh.triangles.len() as u64 * BUILD_BYTES_A_TRIANGLE;
+    let largest = &largest.mesh;
+    let largest_bytes = largest.triangles * BUILD_BYTES_A_TRIANGLE;
     let what = format!("{}: mesh {:?}", largest.file.display(), largest.mesh.name);
     fits(&what, held + largest_bytes, limit)?;
     let threads = rayon::current_num_threads() as u64;
     let spare = limit.map_or(u64::MAX, |limit| limit - held);
-    let side_by_side = spare / threads / BUILD_BYTES_A_TRIANGLE;
-    Ok(LARGE_TRIANGLES.min(side_by_side as usize))
+    Ok(LARGE_TRIANGLES.min(spare / threads / BUILD_BYTES_A_TRIANGLE))
 }
 
 fn fits(what: &str, need_bytes: u64, limit: Option<u64>) -> Result<(), IngestError> {

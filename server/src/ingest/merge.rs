@@ -22,10 +22,16 @@ pub(super) struct Merged {
     image_known: HashMap<ContentHash, u32>,
 }
 
-/// A mesh, its slots naming materials of the merged scene.
+/// A mesh of the merged scene.
 #[derive(Debug)]
 pub(super) struct MergedMesh {
     pub file: Arc<Path>,
+    /// Index of the file among the inputs.
+    pub input: u32,
+    /// Slot to index into [`Merged::materials`]; those of `mesh` itself count in its file.
+    pub material_slots: Vec<u32>,
+    pub triangles: u64,
+    /// Read as a [`crate::import::MeshSource`] where possible: one larger than memory will not be a `Mesh`.
     pub mesh: Mesh,
 }
 
@@ -39,20 +45,24 @@ pub(super) struct MergedImage {
 }
 
 impl Merged {
-    /// Appends what `file` holds.
-    pub(super) fn add(&mut self, file: &Path, scene: ImportedScene) {
+    /// Appends what `file`, the input of index `input`, holds.
+    pub(super) fn add(&mut self, file: &Path, input: u32, scene: ImportedScene) {
         let first_mesh = self.meshes.len();
         let first_material = self.materials.len() as u32;
         let images: Vec<u32> = scene.images.into_iter().map(|i| self.image(i)).collect();
         self.materials
             .extend(scene.materials.into_iter().map(|m| material(m, &images)));
         let file_of: Arc<Path> = PathBuf::from(file).into();
-        self.meshes.extend(scene.meshes.into_iter().map(|mut mesh| {
-            for slot in &mut mesh.material_slots {
-                *slot += first_material;
-            }
+        self.meshes.extend(scene.meshes.into_iter().map(|mesh| {
             MergedMesh {
                 file: Arc::clone(&file_of),
+                input,
+                material_slots: mesh
+                    .material_slots
+                    .iter()
+                    .map(|slot| slot + first_material)
+                    .collect(),
+                triangles: mesh.triangles.len() as u64,
                 mesh,
             }
         }));
