@@ -88,10 +88,10 @@ pub(super) struct IngestArgs {
     #[arg(long, requires = "jobs", conflicts_with_all = ["job", "finish", "rebuild"])]
     pub plan: bool,
     /// Jobs of the plan, at most 65536.
-    #[arg(long, value_name = "K", requires = "plan", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    #[arg(long, value_name = "K", requires = "plan", value_parser = clap::value_parser!(u32).range(1..=65536), allow_negative_numbers = true)]
     pub jobs: Option<u32>,
     /// Build the meshes of one job of the plan, from 0; auto takes SLURM_ARRAY_TASK_ID or JOB_COMPLETION_INDEX.
-    #[arg(long, value_name = "I|auto", value_parser = values::job, conflicts_with_all = ["finish", "position_step", "codec"])]
+    #[arg(long, value_name = "I|auto", value_parser = values::job, allow_negative_numbers = true, conflicts_with_all = ["finish", "position_step", "codec"])]
     pub job: Option<u32>,
     /// Publish the planned scene once all its jobs are done; names those that are not.
     #[arg(long, conflicts_with_all = ["inputs", "rebuild", "threads", "memory_limit", "position_step", "codec"])]
