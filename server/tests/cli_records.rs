@@ -332,6 +332,50 @@ fn other_options_are_other_builds_and_other_names_are_not() {
 }
 
 #[test]
+fn list_and_show_tell_what_scenes_share() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("library");
+    let library = Library::open_or_create(text(&place)).unwrap();
+    let mut one = options(&bumps::write(folder.path(), "three", &THREE));
+    ingested(&library, &one).unwrap();
+    // The same mesh twice, and another.
+    let two = [THREE[0], bump("again", 1, 12), bump("d", 4, 8)];
+    one.inputs = vec![bumps::write(folder.path(), "two", &two)];
+    one.scene = "y".to_owned();
+    ingested(&library, &one).unwrap();
+
+    let report = folder.path().join("report.json");
+    let with = [
+        "--library",
+        text(&place),
+        "--assets",
+        "--report",
+        text(&report),
+    ];
+    let told = ok(&[&["list"][..], &with].concat());
+    assert_eq!(told.matches("\t1 shared\t").count(), 2, "{told}");
+    let scenes = json(&report);
+    assert_eq!(
+        (&scenes[0]["assets"], &scenes[1]["assets"]),
+        (&3.into(), &2.into())
+    );
+    let told = ok(&[&["show", "y"][..], &with].concat());
+    assert!(
+        told.contains("\t2 instances\t1 other scenes\t288 triangles\t"),
+        "{told}"
+    );
+    let rows = &json(&report)["assets_table"];
+    assert_eq!(rows.as_array().unwrap().len(), 2);
+    assert_eq!(rows[0]["other_scenes"], serde_json::json!(["x"]));
+    assert_eq!(
+        (&rows[1]["name"], &rows[1]["instances"]),
+        (&"d".into(), &1.into())
+    );
+    assert_eq!(rows[1]["other_scenes"], serde_json::json!([]));
+    assert_eq!(rows[0]["pack_bytes"], scenes[0]["shared_pack_bytes"]);
+}
+
+#[test]
 fn a_store_that_fails_to_read_ends_the_ingest() {
     // An error of the store is no missing record: building everything anew would hide it.
     let folder = tempfile::tempdir().unwrap();

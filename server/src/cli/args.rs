@@ -31,9 +31,9 @@ pub(super) enum Command {
     /// Serve a library over HTTP/1.1 and cleartext HTTP/2 on one port.
     Serve(ServeArgs),
     /// List the scenes.
-    List(LibraryArgs),
+    List(ListArgs),
     /// Show what a scene holds.
-    Show(SceneArgs),
+    Show(ShowArgs),
     /// Take a scene's name away; its objects stay until gc.
     Remove(SceneArgs),
     /// Remove the objects that no scene needs.
@@ -127,6 +127,26 @@ pub(super) struct LibraryArgs {
     /// Write the answer as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+}
+
+/// Options of `list`.
+#[derive(Debug, Args)]
+pub(super) struct ListArgs {
+    #[command(flatten)]
+    pub library: LibraryArgs,
+    /// Also read the scenes: assets, those that other scenes use too, their packs' bytes and the shared part of these.
+    #[arg(long)]
+    pub assets: bool,
+}
+
+/// Options of `show`.
+#[derive(Debug, Args)]
+pub(super) struct ShowArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Also a line an asset: instances in this scene, other scenes that use it, source triangles, pack bytes, name.
+    #[arg(long)]
+    pub assets: bool,
 }
 
 /// A scene of a library.

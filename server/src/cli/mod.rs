@@ -7,6 +7,7 @@ mod commands;
 mod ingest;
 mod output;
 mod serve;
+mod show;
 mod values;
 
 use std::process::ExitCode;

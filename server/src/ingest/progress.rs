@@ -27,7 +27,7 @@ impl Progress {
 
     /// The build, counted in triangles.
     pub(super) fn begin_triangles(&self, total: u64) {
-        const TEMPLATE: &str = "building {bar:30} {percent:>3} % of {triangles}, {rate}, {left}";
+        const TEMPLATE: &str = "building {wide_bar} {percent:>3} % of {triangles}, {rate}, {left}";
         if let Ok(style) = ProgressStyle::with_template(TEMPLATE) {
             // The rate is that of the whole stage: meshes end in bursts, and a rate of the last seconds jumps with them.
             let triangles = |state: &ProgressState, out: &mut dyn Write| {
@@ -80,7 +80,7 @@ fn rate(done: u64, elapsed: Duration) -> f64 {
 
 fn left(done: u64, total: u64, elapsed: Duration) -> String {
     if done == 0 {
-        return "time left not known yet".to_owned();
+        return "? s left".to_owned();
     }
     let secs = total.saturating_sub(done) as f64 / rate(done, elapsed);
     let secs = secs.ceil() as u64;
@@ -126,7 +126,7 @@ mod tests {
         }
         let second = Duration::from_secs(1);
         for (done, total, text) in [
-            (0, 10, "time left not known yet"),
+            (0, 10, "? s left"),
             (10, 10, "0 s left"),
             (1, 60, "59 s left"),
             (1, 126, "2 min 05 s left"),
