@@ -211,7 +211,11 @@ fn inputs_that_changed_are_named_and_moved_ones_can_be_given() {
     std::fs::write(second, [&document[..], b" "].concat()).unwrap();
     fails(&job(), 1, &["second.gltf", "as it was planned", "--plan"]);
     std::fs::remove_file(second).unwrap();
-    fails(&job(), 1, &["second.gltf", "cannot read"]);
+    fails(
+        &job(),
+        1,
+        &["second.gltf", "cannot read", "so the plan says"],
+    );
     // The same document over another file.
     let edited = [SECOND[0], bump("f", 66, 30), SECOND[2], SECOND[3]];
     bumps::write(planned.folder.path(), "second", &edited);

@@ -124,7 +124,11 @@ fn run(
             None => PathBuf::from(&plan.inputs[input as usize].path),
         };
         let limit = options.memory_limit_bytes;
-        let meshes = read_meshes(&file, plan, input, &wanted, &build_options, limit)?;
+        let meshes = read_meshes(&file, plan, input, &wanted, &build_options, limit);
+        let meshes = match options.inputs.is_empty() {
+            true => meshes.map_err(elsewhere)?,
+            false => meshes?,
+        };
         import_secs += importing.elapsed().as_secs_f64();
         let building = Instant::now();
         let large = memory::check_build(&meshes, &[], limit)?;
@@ -194,6 +198,20 @@ fn read_meshes(
         })
     };
     wanted.iter().map(take).collect()
+}
+
+/// An input that is not where the plan says may lie elsewhere on this machine.
+fn elsewhere(error: IngestError) -> IngestError {
+    match error {
+        IngestError::Input { file, cause } => {
+            let text = format!(
+                "{cause} (so the plan says; name all INPUTs where they lie elsewhere here)"
+            );
+            let cause = std::io::Error::new(cause.kind(), text);
+            IngestError::Input { file, cause }
+        }
+        error => error,
+    }
 }
 
 /// Publishes a planned scene whose jobs are done: the scene that a plain ingest gives. The inputs are not needed.

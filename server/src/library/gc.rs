@@ -106,7 +106,11 @@ impl Library {
     ) -> Result<(), LibraryError> {
         let path = Path::from(entry.path.as_str());
         let name = path.filename().unwrap_or_default();
-        match is_young(entry, options) {
+        // Read again: a job may have renewed it.
+        let Some(now) = self.entry(&path).await? else {
+            return Ok(());
+        };
+        match is_young(&now, options) {
             true => {
                 report.plans += 1;
                 match self.plan::<IgnoredAny>(name).await {
