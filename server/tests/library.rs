@@ -7,8 +7,8 @@ mod support;
 use bytes::Bytes;
 use futures_util::TryStreamExt;
 use lodestream_format::ContentHash;
-use lodestream_server::library::{GcOptions, Library, LibraryError, Put};
-use support::made;
+use lodestream_server::library::{BuildRecord, GcOptions, Library, LibraryError, PlanNote, Put};
+use support::{age, files, made};
 
 /// A test over each kind of store.
 async fn on_each_store<F: Future<Output = ()>>(test: impl Fn(Library) -> F) {
@@ -266,9 +266,7 @@ async fn an_old_object_is_young_again_once_it_is_put_again() {
     let path = folder
         .path()
         .join(lodestream_format::library::object_path(&hash));
-    let long_ago = std::time::SystemTime::now() - std::time::Duration::from_secs(7 * 86_400);
-    let file = std::fs::File::options().write(true).open(&path).unwrap();
-    file.set_modified(long_ago).unwrap();
+    age(std::slice::from_ref(&path));
     assert_eq!(library.put_object(bytes, 60).await.unwrap().1, Put::Known);
     let options = GcOptions {
         grace_secs: 86_400,
@@ -276,6 +274,206 @@ async fn an_old_object_is_young_again_once_it_is_put_again() {
     };
     assert_eq!(library.gc(options).await.unwrap().young, 1);
     assert!(library.object(&hash).await.is_ok());
+}
+
+#[tokio::test]
+async fn files_become_objects_part_by_part() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    on_each_store(|library| async move {
+        let file = folder.join("file");
+        // Around the size of a part, 8 MiB.
+        for bytes in [0, 1, (8 << 20) - 1, 8 << 20, (8 << 20) + 1, 40_000_000] {
+            let content = Bytes::from(made::noise(bytes as u64, bytes));
+            std::fs::write(&file, &content).unwrap();
+            let put = library.put_object_file(&file, 60).await.unwrap();
+            assert_eq!(put, (ContentHash::of(&content), Put::Stored), "{bytes}");
+            assert_eq!(library.object(&put.0).await.unwrap(), content, "{bytes}");
+            for put in [
+                library.put_object_file(&file, 60).await.unwrap(),
+                library.put_object(content.clone(), 60).await.unwrap(),
+            ] {
+                assert_eq!(put, (ContentHash::of(&content), Put::Known), "{bytes}");
+            }
+        }
+        let error = library.put_object_file(&folder.join("none"), 60).await;
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("none: cannot read"), "{error}");
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn a_damaged_or_old_object_is_mended_from_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("library");
+    let library = Library::open_or_create(place.to_str().unwrap()).unwrap();
+    let bytes = made::noise(5, 20_000_000);
+    let file = folder.path().join("file");
+    std::fs::write(&file, &bytes).unwrap();
+    let (hash, _) = library.put_object_file(&file, 60).await.unwrap();
+    let path = place.join(lodestream_format::library::object_path(&hash));
+    let mut flipped = bytes.clone();
+    flipped[19_999_999] ^= 1;
+    for damage in [&flipped[..], &bytes[..19_999_999], &[]] {
+        std::fs::write(&path, damage).unwrap();
+        let put = library.put_object_file(&file, 60).await.unwrap();
+        assert_eq!(put, (hash, Put::Healed));
+        assert_eq!(std::fs::read(&path).unwrap(), bytes);
+    }
+    age(std::slice::from_ref(&path));
+    let old = path.metadata().unwrap().modified().unwrap();
+    let put = library.put_object_file(&file, 60).await.unwrap();
+    assert_eq!(put, (hash, Put::Known));
+    assert!(path.metadata().unwrap().modified().unwrap() > old);
+    // Nothing is left of the parts.
+    assert_eq!(files(&place), [path]);
+}
+
+fn record_of(made: &made::Made, report: u32) -> BuildRecord<u32> {
+    BuildRecord {
+        asset: made.hash,
+        hierarchy: made.asset.hierarchy,
+        hierarchy_bytes: made.hierarchy.len() as u64,
+        pack: made.asset.pack,
+        pack_bytes: made.pack.len() as u64,
+        report,
+    }
+}
+
+#[tokio::test]
+async fn build_records_come_back_and_say_whether_they_hold() {
+    on_each_store(|library| async move {
+        let key = ContentHash::of(b"key");
+        assert_eq!(library.build::<u32>(&key).await.unwrap(), None);
+        let made = made::asset(&library, 1, 3, 100).await;
+        let record = record_of(&made, 7);
+        library.put_build(&key, &record).await.unwrap();
+        assert_eq!(library.build(&key).await.unwrap(), Some(record.clone()));
+        library.has_build(&record).await.unwrap();
+        // A record with another report is no record of this version.
+        let error = library.build::<String>(&key).await.unwrap_err();
+        assert!(matches!(error, LibraryError::Damaged { .. }), "{error}");
+        assert!(error.to_string().contains(&key.to_string()), "{error}");
+        for (wrong, missing) in [
+            (
+                BuildRecord {
+                    asset: key,
+                    ..record.clone()
+                },
+                true,
+            ),
+            (
+                BuildRecord {
+                    pack: key,
+                    ..record.clone()
+                },
+                false,
+            ),
+            (
+                BuildRecord {
+                    pack_bytes: 1,
+                    ..record.clone()
+                },
+                false,
+            ),
+            (
+                BuildRecord {
+                    hierarchy_bytes: 1,
+                    ..record.clone()
+                },
+                false,
+            ),
+        ] {
+            let error = library.has_build(&wrong).await.unwrap_err();
+            assert_eq!(error.is_missing(), missing, "{error}");
+        }
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn gc_keeps_the_records_of_what_is_there() {
+    on_each_store(|library| async move {
+        let key = |name: &str| ContentHash::of(name.as_bytes());
+        let mut assets = vec![];
+        for (seed, name) in [(1, "live"), (2, "orphan"), (3, "gone")] {
+            let made = made::asset(&library, seed, 3, 100).await;
+            let record = record_of(&made, 0);
+            library.put_build(&key(name), &record).await.unwrap();
+            assets.push(made);
+        }
+        made::scene(&library, "city", &assets[..1]).await;
+        let nowhere = BuildRecord {
+            pack: key("no such pack"),
+            ..record_of(&assets[2], 0)
+        };
+        library.put_build(&key("gone"), &nowhere).await.unwrap();
+        let sweep = |grace_secs, dry_run| {
+            library.gc(GcOptions {
+                grace_secs,
+                dry_run,
+            })
+        };
+        for dry_run in [true, false] {
+            // Young, and yet of no use: one of its objects is not there.
+            let young = sweep(3600, dry_run).await.unwrap();
+            assert_eq!((young.records, young.removed_records), (2, 1));
+            assert_eq!(young.removed, 0);
+        }
+        let swept = sweep(0, false).await.unwrap();
+        assert_eq!((swept.records, swept.removed_records), (1, 1));
+        // Asset, hierarchy and pack of two.
+        assert_eq!(swept.removed, 6);
+        for (name, there) in [("live", true), ("orphan", false), ("gone", false)] {
+            let record = library.build::<u32>(&key(name)).await.unwrap();
+            assert_eq!(record.is_some(), there, "{name}");
+        }
+        library.has_build(&record_of(&assets[0], 0)).await.unwrap();
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn gc_leaves_old_objects_that_a_young_note_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let library = Library::open(folder.path().to_str().unwrap()).unwrap();
+    let (one, two) = (
+        made::asset(&library, 1, 3, 100).await,
+        made::asset(&library, 2, 3, 100).await,
+    );
+    let outline = made::put(&library, Bytes::from_static(b"outline")).await;
+    let orphan = made::put(&library, Bytes::from_static(b"orphan")).await;
+    let (recorded, planned) = (ContentHash::of(b"recorded"), ContentHash::of(b"planned"));
+    let second = record_of(&two, 2);
+    library.put_build(&planned, &second).await.unwrap();
+    age(&files(folder.path()));
+    let first = record_of(&one, 1);
+    library.put_build(&recorded, &first).await.unwrap();
+    let plan = PlanNote {
+        objects: vec![outline],
+        builds: vec![planned],
+        plan: "the rest",
+    };
+    library.put_plan("city", &plan).await.unwrap();
+    let found = library.plan::<String>("city").await.unwrap();
+    assert_eq!((found.objects, found.builds), (plan.objects, plan.builds));
+    let options = GcOptions {
+        grace_secs: 86_400,
+        dry_run: false,
+    };
+    let swept = library.gc(options).await.unwrap();
+    assert_eq!((swept.removed, swept.removed_records), (1, 0));
+    assert_eq!((swept.records, swept.plans), (2, 1));
+    assert!(library.object(&orphan).await.is_err());
+    assert!(library.object(&outline).await.is_ok());
+    for made in [&one, &two] {
+        library.has_build(&record_of(made, 0)).await.unwrap();
+    }
+    age(&files(folder.path()));
+    let swept = library.gc(options).await.unwrap();
+    assert_eq!((swept.removed_records, swept.removed_plans), (2, 1));
+    assert_eq!(files(folder.path()), [] as [std::path::PathBuf; 0]);
 }
 
 #[test]

@@ -35,7 +35,7 @@ mod survey;
 mod triangle_tree;
 mod vertex;
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::Instant;
 
 use lodestream_format::disk_form::DiskForm;
@@ -56,7 +56,7 @@ pub use steps::PositionStep;
 pub use triangle_tree::{Point, TriangleTree};
 
 /// What a caller chooses.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct BuildOptions {
     /// Step of the position grid.
     pub position_step: PositionStep,
@@ -64,8 +64,24 @@ pub struct BuildOptions {
     pub placement: Placement,
     /// Compression of the pages.
     pub codec: Codec,
-    /// Folder for what does not fit memory; all is kept in memory without one. The bytes of the asset are the same.
-    pub scratch: Option<PathBuf>,
+}
+
+/// Where and how a build runs; the bytes of the asset do not depend on it.
+#[derive(Clone, Copy)]
+pub struct BuildSite<'a> {
+    /// Folder for what does not fit memory; all is kept in memory without one.
+    pub scratch: Option<&'a Path>,
+    /// Told how many triangles each finished group held, from any thread. They add up to about twice those of the mesh.
+    pub on_triangles: &'a (dyn Fn(u64) + Sync),
+}
+
+impl Default for BuildSite<'_> {
+    fn default() -> Self {
+        Self {
+            scratch: None,
+            on_triangles: &|_| (),
+        }
+    }
 }
 
 /// An asset with the bytes of its objects.
@@ -90,21 +106,20 @@ pub struct BuiltAsset {
 /// that is no length, a source that cannot be read, a scratch folder that is full. Triangles that collapse on the grid are
 /// dropped with a warning, all but the first if all do.
 pub fn build(source: impl MeshSource, options: &BuildOptions) -> Result<BuiltAsset, BuildError> {
-    build_observed(source, options, &|_| ())
+    build_at(source, options, BuildSite::default())
 }
 
-/// The same; `on_triangles` is told how many triangles each finished group held. They add up to about twice those of the
-/// mesh.
+/// The same, with a scratch folder and someone who watches.
 ///
 /// # Errors
 /// Those of [`build`].
-pub fn build_observed(
+pub fn build_at(
     source: impl MeshSource,
     options: &BuildOptions,
-    on_triangles: &(dyn Fn(u64) + Sync),
+    site: BuildSite,
 ) -> Result<BuiltAsset, BuildError> {
     let start = Instant::now();
-    let scratch = options.scratch.as_deref();
+    let scratch = site.scratch;
     let name = source.name().to_owned();
     let material_slots = source.material_slot_count().max(1) as u32;
     let survey = survey::survey(&source)?;
@@ -131,7 +146,7 @@ pub fn build_observed(
     let plan = Plan {
         grids: &grids,
         placement: options.placement,
-        on_triangles,
+        on_triangles: site.on_triangles,
     };
     dag.grow(plan)?;
     let build = start.elapsed();

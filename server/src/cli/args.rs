@@ -6,6 +6,7 @@ use clap::{ArgAction, Args, Parser, Subcommand};
 use lodestream_format::frame::Codec;
 
 use super::values::{self, Step};
+use crate::build::Placement;
 use crate::http::DEFAULT_CACHE_BYTES;
 
 /// glTF files become scenes in a library, and HTTP serves them.
@@ -25,14 +26,15 @@ pub(super) struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// Build a scene from glTF files and publish it.
+    /// Build a scene from glTF files and publish it; what the library holds already is not built again.
+    #[command(after_help = JOBS_HELP)]
     Ingest(IngestArgs),
     /// Serve a library over HTTP/1.1 and cleartext HTTP/2 on one port.
     Serve(ServeArgs),
     /// List the scenes.
-    List(LibraryArgs),
+    List(ListArgs),
     /// Show what a scene holds.
-    Show(SceneArgs),
+    Show(ShowArgs),
     /// Take a scene's name away; its objects stay until gc.
     Remove(SceneArgs),
     /// Remove the objects that no scene needs.
@@ -43,11 +45,24 @@ pub(super) enum Command {
     Export(ExportArgs),
 }
 
+/// How an ingest is spread over machines.
+const JOBS_HELP: &str = "\
+On many machines that share the library and the inputs:
+  ingest INPUT... --library LIB --scene NAME --plan --jobs 8
+  ingest --library LIB --scene NAME --job I      for each I of 0 to 7, in any order, at once, again after a failure
+  ingest --library LIB --scene NAME --finish     publishes what a plain ingest would; needs no inputs
+The second line as jobs:
+  GNU parallel   parallel -q lodestream-server ingest --library LIB --scene NAME --job {} ::: $(seq 0 7)
+  Slurm          sbatch --array=0-7 --wrap 'lodestream-server ingest --library LIB --scene NAME --job auto'
+  Kubernetes     completionMode: Indexed, completions: 8, the same command with --job auto
+The plan and what is built lie in the library. gc leaves them while the last job started within its grace period.";
+
 /// Options of `ingest`.
 #[derive(Debug, Args)]
 pub(super) struct IngestArgs {
-    /// .glb or .gltf files; several make one scene.
-    #[arg(required = true, value_name = "INPUT")]
+    /// .glb or .gltf files; several make one scene. With --job only where they lie elsewhere than the plan says, all of them in
+    /// its order.
+    #[arg(required_unless_present_any = ["job", "finish"], value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
     /// Folder (made where there is none), or memory:// for a trial that keeps nothing.
     #[arg(long, value_name = "LIB")]
@@ -58,15 +73,37 @@ pub(super) struct IngestArgs {
     /// Threads of the build; all cores by default. The result does not depend on it.
     #[arg(long, value_name = "N", value_parser = values::threads)]
     pub threads: Option<usize>,
-    /// Refuse what would need more memory: bytes, or a number with KiB, MiB, GiB, kB, MB, GB.
+    /// Stay below this much memory: large meshes are read in pieces and built through the disk. Bytes, or a number with KiB,
+    /// MiB, GiB, kB, MB, GB. The result does not depend on it.
     #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
     pub memory_limit: Option<u64>,
+    /// Folder for what does not fit memory; the system's folder for temporary files by default.
+    #[arg(long, value_name = "DIR")]
+    pub scratch: Option<PathBuf>,
     /// Step of the position grid, rounded down to a power of two.
     #[arg(long, value_name = "auto|METRES", default_value = "auto", value_parser = values::step, allow_negative_numbers = true)]
     pub position_step: Step,
+    /// Where vertices of coarser levels lie: optimal (fewest triangles for an error) or subset (on source vertices).
+    #[arg(long, value_name = "PLACEMENT", default_value = "optimal")]
+    pub placement: Placement,
     /// Compression of the pages: zstd, lz4 or none.
     #[arg(long, value_name = "CODEC", default_value = "zstd", value_parser = values::codec)]
     pub codec: Codec,
+    /// Build also the meshes that the library holds already, built with the same options; mends what verify finds damaged.
+    #[arg(long)]
+    pub rebuild: bool,
+    /// Only store a plan, under the scene's name, that deals the meshes to --jobs jobs; build and publish nothing.
+    #[arg(long, requires = "jobs", conflicts_with_all = ["job", "finish", "rebuild"])]
+    pub plan: bool,
+    /// Jobs of the plan, at most 65536.
+    #[arg(long, value_name = "K", requires = "plan", value_parser = clap::value_parser!(u32).range(1..=65536), allow_negative_numbers = true)]
+    pub jobs: Option<u32>,
+    /// Build the meshes of one job of the plan, from 0; auto takes SLURM_ARRAY_TASK_ID or JOB_COMPLETION_INDEX.
+    #[arg(long, value_name = "I|auto", value_parser = values::job, allow_negative_numbers = true, conflicts_with_all = ["finish", "position_step", "placement", "codec"])]
+    pub job: Option<u32>,
+    /// Publish the planned scene once all its jobs are done; names those that are not.
+    #[arg(long, conflicts_with_all = ["inputs", "rebuild", "threads", "memory_limit", "scratch", "position_step", "placement", "codec"])]
+    pub finish: bool,
     /// Write what was done as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -98,6 +135,26 @@ pub(super) struct LibraryArgs {
     /// Write the answer as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+}
+
+/// Options of `list`.
+#[derive(Debug, Args)]
+pub(super) struct ListArgs {
+    #[command(flatten)]
+    pub library: LibraryArgs,
+    /// Also read the scenes: assets, those that other scenes use too, their packs' bytes and the shared part of these.
+    #[arg(long)]
+    pub assets: bool,
+}
+
+/// Options of `show`.
+#[derive(Debug, Args)]
+pub(super) struct ShowArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Also a line an asset: instances in this scene, other scenes that use it, source triangles, pack bytes, name.
+    #[arg(long)]
+    pub assets: bool,
 }
 
 /// A scene of a library.

@@ -1,16 +1,13 @@
 //! The subcommands that end by themselves.
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use lodestream_format::{Asset, ContentHash};
 use tokio::runtime::Handle;
 
-use super::args::{Command, ExportArgs, GcArgs, IngestArgs, LibraryArgs, SceneArgs, VerifyArgs};
+use super::args::{Command, ExportArgs, GcArgs, SceneArgs, VerifyArgs};
 use super::output::{self, line};
-use crate::build::BuildOptions;
 use crate::export::{self, Detail, ExportError};
-use crate::ingest::{self, IngestError, IngestOptions};
+use crate::ingest::IngestError;
 use crate::library::{GcOptions, Library, LibraryError};
 use crate::verify;
 
@@ -21,6 +18,8 @@ pub(super) enum CommandError {
     Library(#[from] LibraryError),
     #[error(transparent)]
     Ingest(Box<IngestError>),
+    #[error("--plan: expected a library that outlives this command, found memory://")]
+    PlanInMemory,
     #[error(transparent)]
     Export(Box<ExportError>),
     #[error("{found}: expected no fault, found {faults}")]
@@ -48,141 +47,15 @@ pub(super) fn run(command: Command, quiet: bool) -> Result<(), CommandError> {
         .map_err(CommandError::Runtime)?;
     let handle = runtime.handle();
     match command {
-        Command::Ingest(args) => ingest(handle, args, quiet),
-        Command::List(args) => list(handle, &args),
-        Command::Show(args) => show(handle, &args),
+        Command::Ingest(args) => super::ingest::ingest(handle, args, quiet),
+        Command::List(args) => super::show::list(handle, &args),
+        Command::Show(args) => super::show::show(handle, &args),
         Command::Remove(args) => remove(handle, &args, quiet),
         Command::Gc(args) => gc(handle, &args, quiet),
         Command::Verify(args) => verify(handle, &args, quiet),
         Command::Export(args) => export(handle, &args, quiet),
         Command::Serve(args) => super::serve::serve(args),
     }
-}
-
-fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(), CommandError> {
-    let library = Library::open_or_create(&args.library)?;
-    let options = IngestOptions {
-        inputs: args.inputs,
-        scene: args.scene,
-        threads: args.threads,
-        memory_limit_bytes: args.memory_limit,
-        build: BuildOptions {
-            position_step: args.position_step,
-            codec: args.codec,
-            ..BuildOptions::default()
-        },
-        progress: !quiet,
-    };
-    let done = ingest::ingest(handle, &library, &options)
-        .map_err(|error| CommandError::Ingest(Box::new(error)))?;
-    output::report(args.report.as_deref(), &done)?;
-    if !quiet {
-        for warning in &done.warnings {
-            tracing::info!("{warning}");
-        }
-        if !done.warnings.is_empty() {
-            tracing::warn!(
-                "{} warnings; -v, show and --report tell them",
-                done.warnings.len()
-            );
-        }
-        line(format_args!(
-            "{}: {} triangles in {} assets and {} instances, {} pages, {} bytes, {:.2} s",
-            options.scene,
-            done.input_triangles,
-            done.assets,
-            done.instances,
-            done.pages,
-            done.bytes.stored + done.bytes.hierarchy + done.bytes.textures,
-            done.seconds.total,
-        ));
-    }
-    Ok(())
-}
-
-fn list(handle: &Handle, args: &LibraryArgs) -> Result<(), CommandError> {
-    let library = Library::open(&args.library)?;
-    let scenes = handle.block_on(library.scenes(None, usize::MAX))?;
-    output::report(args.report.as_deref(), &scenes)?;
-    for entry in &scenes.scenes {
-        line(format_args!("{}\t{}", entry.name, entry.reference.scene));
-    }
-    Ok(())
-}
-
-/// What `show` tells.
-#[derive(Debug, serde::Serialize)]
-struct SceneFigures {
-    name: String,
-    scene: ContentHash,
-    published_secs: u64,
-    assets: u64,
-    instances: u64,
-    materials: u64,
-    textures: u64,
-    source_triangles: u64,
-    dag_triangles: u64,
-    clusters: u64,
-    levels: u32,
-    pages: u64,
-    pack_bytes: u64,
-    texture_bytes: u64,
-    warnings: Vec<String>,
-}
-
-fn show(handle: &Handle, args: &SceneArgs) -> Result<(), CommandError> {
-    let library = Library::open(&args.library.library)?;
-    let figures = handle.block_on(figures(&library, &args.scene))?;
-    output::report(args.library.report.as_deref(), &figures)?;
-    for (name, value) in [
-        ("scene", figures.scene.to_string()),
-        ("published_secs", figures.published_secs.to_string()),
-        ("assets", figures.assets.to_string()),
-        ("instances", figures.instances.to_string()),
-        ("materials", figures.materials.to_string()),
-        ("textures", figures.textures.to_string()),
-        ("source_triangles", figures.source_triangles.to_string()),
-        ("dag_triangles", figures.dag_triangles.to_string()),
-        ("clusters", figures.clusters.to_string()),
-        ("levels", figures.levels.to_string()),
-        ("pages", figures.pages.to_string()),
-        ("pack_bytes", figures.pack_bytes.to_string()),
-        ("texture_bytes", figures.texture_bytes.to_string()),
-    ] {
-        line(format_args!("{name}\t{value}"));
-    }
-    for warning in &figures.warnings {
-        line(format_args!("warning\t{warning}"));
-    }
-    Ok(())
-}
-
-async fn figures(library: &Library, name: &str) -> Result<SceneFigures, LibraryError> {
-    let reference = library.reference(name).await?;
-    let scene = library.scene(&reference.scene).await?;
-    let unique: BTreeSet<_> = scene.assets.iter().map(|used| used.asset).collect();
-    let mut assets = Vec::with_capacity(unique.len());
-    for hash in &unique {
-        assets.push(library.asset(hash).await?);
-    }
-    let sum = |of: fn(&Asset) -> u64| assets.iter().map(of).sum();
-    Ok(SceneFigures {
-        name: name.to_owned(),
-        scene: reference.scene,
-        published_secs: reference.published_secs,
-        assets: assets.len() as u64,
-        instances: scene.instances.len() as u64,
-        materials: scene.materials.len() as u64,
-        textures: scene.textures.len() as u64,
-        source_triangles: scene.source_triangles,
-        dag_triangles: sum(|asset| asset.dag_triangles),
-        clusters: sum(|asset| asset.clusters),
-        levels: assets.iter().map(|asset| asset.levels).max().unwrap_or(0),
-        pages: sum(|asset| asset.pages.len() as u64),
-        pack_bytes: sum(|asset| asset.pack_bytes()),
-        texture_bytes: scene.textures.iter().map(|texture| texture.bytes).sum(),
-        warnings: scene.warnings,
-    })
 }
 
 fn remove(handle: &Handle, args: &SceneArgs, quiet: bool) -> Result<(), CommandError> {
@@ -206,8 +79,15 @@ fn gc(handle: &Handle, args: &GcArgs, quiet: bool) -> Result<(), CommandError> {
     if !quiet {
         let verb = if args.dry_run { "would go" } else { "removed" };
         line(format_args!(
-            "{} objects of {} bytes {verb}, {} live, {} too young",
-            done.removed, done.removed_bytes, done.live, done.young,
+            "{} objects of {} bytes {verb}, {} live, {} too young; {} build records and {} plans {verb}, {} and {} stay",
+            done.removed,
+            done.removed_bytes,
+            done.live,
+            done.young,
+            done.removed_records,
+            done.removed_plans,
+            done.records,
+            done.plans,
         ));
     }
     Ok(())

@@ -4,8 +4,10 @@
 
 mod args;
 mod commands;
+mod ingest;
 mod output;
 mod serve;
+mod show;
 mod values;
 
 use std::process::ExitCode;

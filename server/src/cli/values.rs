@@ -57,6 +57,28 @@ pub(super) fn threads(text: &str) -> Result<usize, String> {
     }
 }
 
+/// Variables in which array schedulers number their jobs from 0.
+const JOB_VARIABLES: [&str; 2] = ["SLURM_ARRAY_TASK_ID", "JOB_COMPLETION_INDEX"];
+
+/// A job's number, or `auto`.
+pub(super) fn job(text: &str) -> Result<u32, String> {
+    if text != "auto" {
+        let expected = || "expected a number from 0, or auto".to_owned();
+        return text.parse().map_err(|_| expected());
+    }
+    let set = JOB_VARIABLES
+        .iter()
+        .find_map(|name| Some((name, std::env::var_os(name)?)));
+    let Some((name, value)) = set else {
+        return Err(format!(
+            "expected {} in the environment, found neither",
+            JOB_VARIABLES.join(" or ")
+        ));
+    };
+    let number = value.to_str().and_then(|value| value.parse().ok());
+    number.ok_or_else(|| format!("expected a number from 0 in {name}, found {value:?}"))
+}
+
 /// `auto` or metres.
 pub(super) fn step(text: &str) -> Result<Step, String> {
     match (text, text.parse::<f64>()) {

@@ -54,10 +54,12 @@ impl HttpError {
             Self::NotReady => StatusCode::SERVICE_UNAVAILABLE,
             Self::Library(error) => match error {
                 LibraryError::Name(_) => StatusCode::BAD_REQUEST,
-                LibraryError::NoScene { .. } | LibraryError::NoObject { .. } => {
-                    StatusCode::NOT_FOUND
+                LibraryError::NoScene { .. }
+                | LibraryError::NoObject { .. }
+                | LibraryError::NoPlan { .. } => StatusCode::NOT_FOUND,
+                LibraryError::Damaged { .. } | LibraryError::File { .. } => {
+                    StatusCode::INTERNAL_SERVER_ERROR
                 }
-                LibraryError::Damaged { .. } => StatusCode::INTERNAL_SERVER_ERROR,
                 LibraryError::Store { .. } | LibraryError::Location { .. } => {
                     StatusCode::SERVICE_UNAVAILABLE
                 }

@@ -1,157 +1,169 @@
-//! Every mesh built and stored; equal meshes once.
+//! Meshes built and stored, each with the record that lets a later run find it.
 //!
 //! Large meshes go one after another, each on all threads; then the small ones side by side. A thread that waits inside
 //! one build steals another, so side by side they must be small for the peak of memory to stay near one build.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use bytes::Bytes;
 use lodestream_format::ContentHash;
-use lodestream_format::hash::ContentHasher;
 use rayon::prelude::*;
 use tokio::runtime::Handle;
 
+use super::memory::Room;
 use super::merge::MergedMesh;
-use super::progress::Progress;
-use super::{IngestError, IngestOptions, RENEW_AFTER_SECS};
-use crate::build::{self, BuildReport, BuiltAsset};
-use crate::import::Mesh;
+use super::records::{self, StoredAsset};
+use super::{IngestError, RENEW_AFTER_SECS};
+use crate::build::{self, BuildOptions, BuildSite, BuiltAsset, Pack};
+use crate::import::MeshSource;
 use crate::library::Library;
 
-/// A mesh of the scene and the asset that it became.
-#[derive(Debug, Clone)]
-pub(super) struct StoredMesh {
-    pub name: String,
-    pub materials: Vec<u32>,
-    pub asset: ContentHash,
-    /// Of the build; shared by meshes that are equal.
-    pub report: BuildReport,
-    /// Seconds spent storing the asset.
-    pub store_secs: f64,
+/// A mesh with its names.
+#[derive(Debug)]
+pub(super) struct KeyedMesh {
+    /// Of what the build reads of it.
+    pub content: ContentHash,
+    /// Of its build.
+    pub key: ContentHash,
+    pub mesh: MergedMesh,
 }
 
-/// Builds `meshes`, those of more than `large` triangles on their own; the result is in their order.
-pub(super) fn build_and_store(
-    runtime: &Handle,
-    library: &Library,
-    options: &IngestOptions,
+/// Names every mesh.
+pub(super) fn keyed(
     meshes: Vec<MergedMesh>,
-    large: usize,
-    progress: &Progress,
-) -> Result<Vec<StoredMesh>, IngestError> {
-    let triangles = meshes.iter().map(|mesh| mesh.mesh.triangles.len() as u64);
-    progress.begin_triangles(triangles.sum());
-    let mut first_of = HashMap::new();
-    let mut uses = Vec::with_capacity(meshes.len());
-    let (mut alone, mut beside) = (vec![], vec![]);
-    for MergedMesh { file, mesh } in meshes {
-        let next = first_of.len();
-        let unique = *first_of.entry(content(&mesh)).or_insert(next);
-        uses.push((unique, mesh.name.clone(), mesh.material_slots.clone()));
-        if unique < next {
-            progress.triangles(mesh.triangles.len() as u64);
-        } else if mesh.triangles.len() > large {
-            alone.push((unique, MergedMesh { file, mesh }));
-        } else {
-            beside.push((unique, MergedMesh { file, mesh }));
-        }
-    }
-    // Each mesh goes as soon as it is built.
-    let one = |(unique, mesh): (usize, MergedMesh)| {
-        let built = build_one(runtime, library, options, &mesh);
-        progress.triangles(mesh.mesh.triangles.len() as u64);
-        built.map(|built| (unique, built))
-    };
-    let mut built: Vec<(usize, Built)> = alone.into_iter().map(one).collect::<Result<_, _>>()?;
-    // All are waited for, then the first error in order is the one told, whatever the thread count.
-    let small: Vec<Result<(usize, Built), IngestError>> = beside.into_par_iter().map(one).collect();
-    for result in small {
-        built.push(result?);
-    }
-    built.sort_by_key(|(unique, _)| *unique);
-    progress.end();
-    let stored = uses.into_iter().map(|(unique, name, materials)| {
-        let (_, built) = &built[unique];
-        StoredMesh {
-            name,
-            materials,
-            asset: built.asset,
-            report: built.report.clone(),
-            store_secs: built.store_secs,
-        }
+    options: &BuildOptions,
+) -> Result<Vec<KeyedMesh>, IngestError> {
+    let named = meshes.into_par_iter().map(|mesh| {
+        let content = records::content(&mesh.mesh)?;
+        let key = records::key(&content, options);
+        Ok(KeyedMesh { content, key, mesh })
     });
-    Ok(stored.collect())
+    // The first error in order is the one told, whatever the thread count.
+    let named: Vec<Result<KeyedMesh, IngestError>> = named.collect();
+    named.into_iter().collect()
 }
 
-struct Built {
-    asset: ContentHash,
-    report: BuildReport,
-    store_secs: f64,
+/// The first mesh of each key, in order.
+pub(super) fn unique(meshes: Vec<KeyedMesh>) -> Vec<KeyedMesh> {
+    let mut known = HashSet::new();
+    let mut meshes = meshes;
+    meshes.retain(|mesh| known.insert(mesh.key));
+    meshes
 }
 
-fn build_one(
-    runtime: &Handle,
-    library: &Library,
-    options: &IngestOptions,
-    mesh: &MergedMesh,
-) -> Result<Built, IngestError> {
-    let built = build::build(&mesh.mesh, &options.build).map_err(|error| IngestError::Build {
-        file: mesh.file.to_path_buf(),
-        error,
-    })?;
-    let storing = Instant::now();
-    let BuiltAsset {
-        asset_bytes,
-        hierarchy_bytes,
-        pack,
-        report,
-        ..
-    } = built;
-    let asset = runtime.block_on(async {
-        // What an object names is there before it.
-        let pack = match pack {
-            build::Pack::Memory(bytes) => bytes,
-            build::Pack::File(file) => std::fs::read(file.path()).unwrap_or_default(),
-        };
-        for bytes in [pack, hierarchy_bytes] {
-            library
-                .put_object(Bytes::from(bytes), RENEW_AFTER_SECS)
-                .await?;
+/// How meshes are built.
+pub(super) struct Builder<'a> {
+    pub runtime: &'a Handle,
+    pub library: &'a Library,
+    pub options: &'a BuildOptions,
+    /// Folder for what does not fit memory; the system's own where it is `None`.
+    pub scratch: Option<&'a Path>,
+    pub room: Room,
+    /// Called from any thread with the triangles done since the last call; all calls for a mesh add up to its triangles.
+    pub on_triangles: &'a (dyn Fn(u64) + Sync),
+}
+
+impl Builder<'_> {
+    /// Builds and stores `meshes`, large ones on their own; gives what each key became.
+    ///
+    /// # Errors
+    /// The first in order. What was built before is stored and recorded, so that the next run goes on from there.
+    pub(super) fn build_all(
+        &self,
+        meshes: Vec<KeyedMesh>,
+    ) -> Result<HashMap<ContentHash, Arc<StoredAsset>>, IngestError> {
+        let (alone, beside): (Vec<_>, Vec<_>) = meshes
+            .into_iter()
+            .partition(|mesh| mesh.mesh.triangles > self.room.alone_above);
+        // Each mesh goes as soon as it is built.
+        let one = |mesh: KeyedMesh| Ok((mesh.key, Arc::new(self.build_one(mesh)?)));
+        let mut built: HashMap<_, _> = alone
+            .into_iter()
+            .map(one)
+            .collect::<Result<_, IngestError>>()?;
+        // All are waited for, then the first error in order is the one told, whatever the thread count.
+        let small: Vec<Result<_, IngestError>> = beside.into_par_iter().map(one).collect();
+        for result in small {
+            let (key, stored) = result?;
+            built.insert(key, stored);
         }
-        let put = library.put_object(Bytes::from(asset_bytes), RENEW_AFTER_SECS);
-        put.await.map(|(hash, _)| hash)
-    })?;
-    Ok(Built {
-        asset,
-        report,
-        store_secs: storing.elapsed().as_secs_f64(),
-    })
-}
+        Ok(built)
+    }
 
-/// Names what the build reads of a mesh: all but its name and which materials its slots mean.
-fn content(mesh: &Mesh) -> ContentHash {
-    let mut hasher = ContentHasher::default();
-    let mut part = |present: bool, bytes: &[u8]| {
-        hasher.update(&[present as u8]);
-        hasher.update(&(bytes.len() as u64).to_le_bytes());
-        hasher.update(bytes);
-    };
-    part(true, bytemuck::cast_slice(&mesh.positions));
-    let normals = mesh.normals.as_deref();
-    part(
-        normals.is_some(),
-        bytemuck::cast_slice(normals.unwrap_or_default()),
-    );
-    let uvs = mesh.uvs.as_deref();
-    part(uvs.is_some(), bytemuck::cast_slice(uvs.unwrap_or_default()));
-    let colors = mesh.colors.as_deref();
-    part(
-        colors.is_some(),
-        bytemuck::cast_slice(colors.unwrap_or_default()),
-    );
-    part(true, bytemuck::cast_slice(&mesh.triangles));
-    part(true, bytemuck::cast_slice(&mesh.triangle_materials));
-    part(true, &(mesh.material_slots.len() as u64).to_le_bytes());
-    hasher.finish()
+    fn build_one(&self, keyed: KeyedMesh) -> Result<StoredAsset, IngestError> {
+        let KeyedMesh { key, mesh, .. } = keyed;
+        let MergedMesh {
+            file,
+            triangles,
+            mesh,
+            ..
+        } = mesh;
+        let name = mesh.name().to_owned();
+        let temporary = std::env::temp_dir();
+        let through_disk = triangles > self.room.disk_above;
+        let done = AtomicU64::new(0);
+        // Groups of all levels come to twice the triangles, about.
+        let on_group = |count: u64| {
+            let before = done.fetch_add(count, Ordering::Relaxed);
+            let half = |sum: u64| (sum / 2).min(triangles);
+            (self.on_triangles)(half(before + count) - half(before));
+        };
+        let site = BuildSite {
+            scratch: through_disk.then_some(self.scratch.unwrap_or(&temporary)),
+            on_triangles: &on_group,
+        };
+        let built =
+            build::build_at(mesh, self.options, site).map_err(|error| IngestError::Build {
+                file: file.to_path_buf(),
+                error,
+            })?;
+        (self.on_triangles)(triangles - (done.load(Ordering::Relaxed) / 2).min(triangles));
+        let BuiltAsset {
+            asset,
+            asset_bytes,
+            hierarchy_bytes,
+            pack,
+            mut report,
+        } = built;
+        // Equal meshes share the report under their own names.
+        let prefix = format!("mesh {name:?}: ");
+        for warning in &mut report.warnings {
+            if let Some(rest) = warning.strip_prefix(&prefix) {
+                *warning = rest.to_owned();
+            }
+        }
+        let storing = Instant::now();
+        let hash = self.runtime.block_on(async {
+            // What an object names is there before it.
+            let library = self.library;
+            match pack {
+                Pack::Memory(bytes) => {
+                    library
+                        .put_object(Bytes::from(bytes), RENEW_AFTER_SECS)
+                        .await?;
+                }
+                Pack::File(file) => {
+                    library
+                        .put_object_file(file.path(), RENEW_AFTER_SECS)
+                        .await?;
+                }
+            }
+            let hierarchy = Bytes::from(hierarchy_bytes);
+            library.put_object(hierarchy, RENEW_AFTER_SECS).await?;
+            let put = library.put_object(Bytes::from(asset_bytes), RENEW_AFTER_SECS);
+            let (hash, _) = put.await?;
+            records::remember(self.library, &key, &asset, hash, &report).await?;
+            Ok::<_, IngestError>(hash)
+        })?;
+        Ok(StoredAsset {
+            asset: hash,
+            report,
+            store_secs: storing.elapsed().as_secs_f64(),
+            reused: false,
+        })
+    }
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use lodestream_format::ContentHash;
 use lodestream_format::scene::{AlphaMode, Material, MediaType, TextureUse, Wrap};
 
-use crate::import::{self, ImportedScene, Mesh};
+use crate::import::{self, OpenedMesh, OpenedScene};
 
 /// All inputs.
 #[derive(Debug, Default)]
@@ -22,11 +22,16 @@ pub(super) struct Merged {
     image_known: HashMap<ContentHash, u32>,
 }
 
-/// A mesh, its slots naming materials of the merged scene.
+/// A mesh of the merged scene.
 #[derive(Debug)]
 pub(super) struct MergedMesh {
     pub file: Arc<Path>,
-    pub mesh: Mesh,
+    /// Index of the file among the inputs.
+    pub input: u32,
+    /// Slot to index into [`Merged::materials`]; those of `mesh` itself count in its file.
+    pub material_slots: Vec<u32>,
+    pub triangles: u64,
+    pub mesh: OpenedMesh,
 }
 
 /// An image file.
@@ -39,20 +44,24 @@ pub(super) struct MergedImage {
 }
 
 impl Merged {
-    /// Appends what `file` holds.
-    pub(super) fn add(&mut self, file: &Path, scene: ImportedScene) {
+    /// Appends what `file`, the input of index `input`, holds.
+    pub(super) fn add(&mut self, file: &Path, input: u32, scene: OpenedScene) {
         let first_mesh = self.meshes.len();
         let first_material = self.materials.len() as u32;
         let images: Vec<u32> = scene.images.into_iter().map(|i| self.image(i)).collect();
         self.materials
             .extend(scene.materials.into_iter().map(|m| material(m, &images)));
         let file_of: Arc<Path> = PathBuf::from(file).into();
-        self.meshes.extend(scene.meshes.into_iter().map(|mut mesh| {
-            for slot in &mut mesh.material_slots {
-                *slot += first_material;
-            }
+        self.meshes.extend(scene.meshes.into_iter().map(|mesh| {
             MergedMesh {
                 file: Arc::clone(&file_of),
+                input,
+                material_slots: mesh
+                    .material_slots()
+                    .iter()
+                    .map(|slot| slot + first_material)
+                    .collect(),
+                triangles: mesh.triangle_count(),
                 mesh,
             }
         }));
@@ -66,10 +75,21 @@ impl Merged {
                 (first_mesh + instance.mesh as usize, rows)
             }));
         self.source_triangles += scene.source_triangles;
+        self.warn(file, &scene.warnings);
+    }
+
+    /// Appends what reading the pieces of a mesh has shown.
+    pub(super) fn warn_of(&mut self, mesh: &MergedMesh) {
+        if let OpenedMesh::Streamed(streamed) = &mesh.mesh {
+            self.warn(&mesh.file, &streamed.warnings());
+        }
+    }
+
+    fn warn(&mut self, file: &Path, lines: &[String]) {
         // Published with the scene: the folder on the ingesting machine is nobody's business.
         let name = file.file_name().unwrap_or(file.as_os_str()).display();
         self.warnings
-            .extend(scene.warnings.iter().map(|line| format!("{name}: {line}")));
+            .extend(lines.iter().map(|line| format!("{name}: {line}")));
     }
 
     fn image(&mut self, image: import::Image) -> u32 {

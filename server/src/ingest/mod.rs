@@ -1,36 +1,55 @@
-//! Ingest: glTF files become one published scene.
+//! Ingest: the meshes of some files become one published scene.
 //!
 //! ```text
-//! import every input -> one scene (`merge`) -> build every mesh, store its asset (`assets`) -> textures -> scene -> publish
+//! import every input -> one scene (`merge`) -> name every mesh (`records`) -> build and store those that no record
+//! knows (`assets`) -> textures -> scene (`outline`) -> publish
 //! ```
 //!
-//! Nothing names the new objects until the last step, so a run that fails leaves the library's scenes as they were.
+//! The same in parts, on many machines: `plan` imports and deals out the meshes, `job` builds some of them, `finish` publishes.
+//! Nothing names the new objects until the last step, so a run that fails leaves the library's scenes as they were; what it
+//! built is found again by the next.
 
 mod assets;
+mod build_report;
+mod deal;
+mod error;
+mod job;
 mod memory;
 mod merge;
+mod outline;
+mod plan;
 mod progress;
+mod records;
 mod report;
 
+use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use bytes::Bytes;
-use lodestream_format::scene::{SceneAsset, Texture};
-use lodestream_format::{ContentHash, FormatError, Scene};
+use lodestream_format::scene::Texture;
+use lodestream_format::{ContentHash, Scene};
 use tokio::runtime::Handle;
 
-use crate::build::{BuildError, BuildOptions};
-use crate::import::{self, ImportError};
+use crate::build::BuildOptions;
+use crate::import::{self, OpenOptions};
 use crate::library::{Library, LibraryError};
-use assets::StoredMesh;
+use assets::{Builder, KeyedMesh};
 use merge::Merged;
 use progress::Progress;
+use records::StoredAsset;
 
+pub use error::IngestError;
+pub use job::{JobOptions, JobReport, finish, job};
+pub use plan::{PlanReport, PlannedJob, plan};
+pub use records::BUILDER_VERSION;
 pub use report::{IngestBytes, IngestReport, IngestSeconds};
 
 /// Objects that are there already and older than this are renewed, far below any sensible grace period of `gc`.
 const RENEW_AFTER_SECS: i64 = 60;
+/// For objects that a published scene keeps: nothing needs to be sent again.
+const NEVER_RENEW: i64 = i64::MAX;
 
 /// What a caller chooses.
 #[derive(Debug, Clone, Default)]
@@ -41,57 +60,16 @@ pub struct IngestOptions {
     pub scene: String,
     /// Threads of the build; all cores where it is `None`.
     pub threads: Option<usize>,
-    /// Refuse what would need more memory.
+    /// Stay below: read large meshes piece by piece and build them through the disk, refuse what still would not fit.
     pub memory_limit_bytes: Option<u64>,
+    /// Folder for what does not fit memory; the system's own for temporary files where it is `None`.
+    pub scratch: Option<PathBuf>,
     /// Options of every mesh.
     pub build: BuildOptions,
+    /// Build also what the library holds already.
+    pub rebuild: bool,
     /// Show progress where standard error is a terminal.
     pub progress: bool,
-}
-
-/// Why nothing was published.
-#[derive(Debug, thiserror::Error)]
-pub enum IngestError {
-    /// An input cannot be read.
-    #[error(transparent)]
-    Import(#[from] ImportError),
-    /// An input is not there.
-    #[error("{}: cannot read: {cause}", file.display())]
-    Input {
-        /// The file.
-        file: PathBuf,
-        /// The operating system's reason.
-        cause: std::io::Error,
-    },
-    /// A mesh cannot be built.
-    #[error("{}: {error}", file.display())]
-    Build {
-        /// The file that holds the mesh.
-        file: PathBuf,
-        /// Why.
-        error: BuildError,
-    },
-    /// The option and the inputs do not fit.
-    #[error(
-        "{what}: expected at most {limit_bytes} bytes of memory (--memory-limit), found a need of about {need_bytes}"
-    )]
-    Memory {
-        /// What needs it.
-        what: String,
-        /// The option.
-        limit_bytes: u64,
-        /// The estimate.
-        need_bytes: u64,
-    },
-    /// The threads cannot be started.
-    #[error("threads: {0}")]
-    Threads(#[from] rayon::ThreadPoolBuildError),
-    /// The scene breaks the format's limits.
-    #[error("scene: {0}")]
-    Format(#[from] FormatError),
-    /// The library failed.
-    #[error(transparent)]
-    Library(#[from] LibraryError),
 }
 
 /// Imports, builds, stores and publishes; gives what was done.
@@ -100,10 +78,18 @@ pub fn ingest(
     library: &Library,
     options: &IngestOptions,
 ) -> Result<IngestReport, IngestError> {
+    on_threads(options.threads, || run(runtime, library, options))
+}
+
+/// Runs `work` on a pool of its own.
+fn on_threads<T: Send>(
+    threads: Option<usize>,
+    work: impl FnOnce() -> Result<T, IngestError> + Send,
+) -> Result<T, IngestError> {
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads.unwrap_or(0))
+        .num_threads(threads.unwrap_or(0))
         .build()?;
-    pool.install(|| run(runtime, library, options))
+    pool.install(work)
 }
 
 fn run(
@@ -113,57 +99,120 @@ fn run(
 ) -> Result<IngestReport, IngestError> {
     let start = Instant::now();
     let progress = Progress::new(options.progress);
-    memory::check_inputs(&options.inputs, options.memory_limit_bytes)?;
-    let mut merged = import_all(&options.inputs, &progress)?;
+    let (mut merged, meshes) = import_all(options, &progress)?;
+    let entries = outline::entries(&meshes);
     let import_secs = start.elapsed().as_secs_f64();
 
-    let large = memory::check_build(&merged, options.memory_limit_bytes)?;
+    let looking = Instant::now();
+    let keys: Vec<ContentHash> = entries.iter().map(|entry| entry.asset).collect();
+    let mut known = HashMap::new();
+    if !options.rebuild {
+        progress.step("looking for what is built already");
+        known = find_all(runtime, library, &keys, &progress)?;
+    }
+    let meshes = missing(meshes, &known);
+    let look_secs = looking.elapsed().as_secs_f64();
+
     let building = Instant::now();
-    let meshes = std::mem::take(&mut merged.meshes);
-    let stored = assets::build_and_store(runtime, library, options, meshes, large, &progress)?;
+    let limit = options.memory_limit_bytes;
+    let room = memory::check_build(&meshes, &merged.images, limit)?;
+    progress.begin_triangles(meshes.iter().map(|keyed| keyed.mesh.triangles).sum());
+    let builder = Builder {
+        runtime,
+        library,
+        options: &options.build,
+        scratch: options.scratch.as_deref(),
+        room,
+        on_triangles: &|count| progress.triangles(count),
+    };
+    known.extend(builder.build_all(meshes)?);
+    progress.end();
     let build_secs = building.elapsed().as_secs_f64();
 
     let storing = Instant::now();
-    let textures = store_textures(runtime, library, &mut merged)?;
-    let scene = scene_of(
-        &merged,
-        &stored,
-        textures,
-        report::warnings(&merged, &stored),
-    );
-    let bytes = Bytes::from(scene.encode()?);
-    let published = runtime.block_on(async {
-        let (hash, _) = library.put_object(bytes, RENEW_AFTER_SECS).await?;
-        library.publish(&options.scene, hash).await
-    })?;
-    tracing::info!("scene {} is now {}", options.scene, published.scene);
-    let seconds = report::Clock {
+    let textures = store_textures(runtime, library, &options.scene, &mut merged)?;
+    let outline = outline::outline(merged, entries, textures);
+    // Each key was found or built.
+    let stored: Vec<_> = keys.iter().map(|key| Arc::clone(&known[key])).collect();
+    let scene = outline::fill(outline, &stored);
+    publish(runtime, library, &options.scene, &scene)?;
+    let clock = report::Clock {
         total: start.elapsed().as_secs_f64(),
         import: import_secs,
         meshes: build_secs,
-        rest: storing.elapsed().as_secs_f64(),
+        rest: look_secs + storing.elapsed().as_secs_f64(),
     };
-    Ok(report::report(&scene, &stored, seconds))
+    Ok(report::report(&scene, &stored, clock))
 }
 
-fn import_all(inputs: &[PathBuf], progress: &Progress) -> Result<Merged, IngestError> {
+/// All inputs in one; the meshes on their own, with their names.
+fn import_all(
+    options: &IngestOptions,
+    progress: &Progress,
+) -> Result<(Merged, Vec<KeyedMesh>), IngestError> {
+    memory::check_inputs(&options.inputs, options.memory_limit_bytes)?;
     let mut merged = Merged::default();
-    for input in inputs {
+    for (index, input) in options.inputs.iter().enumerate() {
         progress.step(&format!("importing {}", input.display()));
-        merged.add(input, import::import(input)?);
+        let open = OpenOptions {
+            max_mesh_bytes: memory::most_mesh_bytes(options.memory_limit_bytes),
+        };
+        merged.add(input, index as u32, import::open(input, &open)?);
     }
-    Ok(merged)
+    let meshes = std::mem::take(&mut merged.meshes);
+    let keyed = assets::keyed(meshes, &options.build)?;
+    // What only reading a mesh shows.
+    for keyed in &keyed {
+        merged.warn_of(&keyed.mesh);
+    }
+    Ok((merged, keyed))
+}
+
+/// The builds among `keys` that can be used as they are.
+fn find_all(
+    runtime: &Handle,
+    library: &Library,
+    keys: &[ContentHash],
+    progress: &Progress,
+) -> Result<HashMap<ContentHash, Arc<StoredAsset>>, LibraryError> {
+    let mut told = HashSet::new();
+    let mut unique = keys.to_vec();
+    unique.retain(|key| told.insert(*key));
+    let found = records::find(runtime, library, &unique, &|line| progress.warn(&line))?;
+    let found = unique.into_iter().zip(found);
+    Ok(found
+        .filter_map(|(key, found)| Some((key, found?)))
+        .collect())
+}
+
+/// The meshes to build, each once; the others' memory is given back.
+fn missing(
+    meshes: Vec<KeyedMesh>,
+    known: &HashMap<ContentHash, Arc<StoredAsset>>,
+) -> Vec<KeyedMesh> {
+    let mut meshes = assets::unique(meshes);
+    meshes.retain(|keyed| !known.contains_key(&keyed.key));
+    meshes
 }
 
 fn store_textures(
     runtime: &Handle,
     library: &Library,
+    scene: &str,
     merged: &mut Merged,
 ) -> Result<Vec<Texture>, IngestError> {
     let images = std::mem::take(&mut merged.images);
+    let kept = match images.is_empty() {
+        true => HashSet::new(),
+        false => runtime.block_on(published_textures(library, scene)),
+    };
     let store = |image: merge::MergedImage| {
         let bytes = image.bytes.len() as u64;
-        let put = library.put_object(Bytes::from(image.bytes), RENEW_AFTER_SECS);
+        let renew = match kept.contains(&ContentHash::of(&image.bytes)) {
+            true => NEVER_RENEW,
+            false => RENEW_AFTER_SECS,
+        };
+        let put = library.put_object(Bytes::from(image.bytes), renew);
         let (object, _) = runtime.block_on(put)?;
         Ok(Texture {
             object,
@@ -176,42 +225,30 @@ fn store_textures(
     images.into_iter().map(store).collect()
 }
 
-/// Meshes that became the same asset with the same materials are one entry of the scene.
-fn scene_of(
-    merged: &Merged,
-    stored: &[StoredMesh],
-    textures: Vec<Texture>,
-    warnings: Vec<String>,
-) -> Scene {
-    let mut assets: Vec<SceneAsset> = vec![];
-    let mut known = std::collections::HashMap::<(ContentHash, &[u32]), u32>::new();
-    let asset_of_mesh: Vec<u32> = stored
+/// What the scene of this name holds now: it keeps them from `gc`. None where there is no such scene that can be read.
+async fn published_textures(library: &Library, scene: &str) -> HashSet<ContentHash> {
+    let Ok(reference) = library.reference(scene).await else {
+        return HashSet::new();
+    };
+    let scene = library.scene(&reference.scene).await.unwrap_or_default();
+    scene
+        .textures
         .iter()
-        .map(|mesh| {
-            *known
-                .entry((mesh.asset, &mesh.materials))
-                .or_insert_with(|| {
-                    assets.push(SceneAsset {
-                        name: mesh.name.clone(),
-                        asset: mesh.asset,
-                        materials: mesh.materials.clone(),
-                    });
-                    assets.len() as u32 - 1
-                })
-        })
-        .collect();
-    let instances = merged.instances.iter().map(|(mesh, world_from_object)| {
-        lodestream_format::scene::Instance {
-            asset: asset_of_mesh[*mesh],
-            world_from_object: *world_from_object,
-        }
-    });
-    Scene {
-        instances: instances.collect(),
-        assets,
-        materials: merged.materials.clone(),
-        textures,
-        source_triangles: merged.source_triangles,
-        warnings,
-    }
+        .map(|texture| texture.object)
+        .collect()
+}
+
+fn publish(
+    runtime: &Handle,
+    library: &Library,
+    name: &str,
+    scene: &Scene,
+) -> Result<(), IngestError> {
+    let bytes = Bytes::from(scene.encode()?);
+    let published = runtime.block_on(async {
+        let (hash, _) = library.put_object(bytes, RENEW_AFTER_SECS).await?;
+        library.publish(name, hash).await
+    })?;
+    tracing::info!("scene {name} is now {}", published.scene);
+    Ok(())
 }

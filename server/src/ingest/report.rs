@@ -1,15 +1,12 @@
 //! What an ingest did: the JSON of `--report`.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use lodestream_format::{ContentHash, Scene};
 
-use super::assets::StoredMesh;
-use super::merge::Merged;
+use super::records::StoredAsset;
 use crate::build::LevelRow;
-
-/// Warnings kept; a scene of many thousand meshes may have one for each.
-const MOST_WARNINGS: usize = 200;
 
 /// Figures of a scene; sums are over its assets, each once.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -20,6 +17,10 @@ pub struct IngestReport {
     pub instances: u64,
     /// Assets.
     pub assets: u64,
+    /// Assets built by this run.
+    pub built: u64,
+    /// Assets found in the library, built with the same options by an earlier run.
+    pub reused: u64,
     /// Triangles of all clusters.
     pub dag_triangles: u64,
     /// Clusters.
@@ -69,7 +70,8 @@ pub struct IngestBytes {
     pub textures: u64,
 }
 
-/// Wall-clock seconds. Meshes are built, encoded and stored side by side: that time is shared out as the threads spent it.
+/// Wall-clock seconds of this run; what it reused cost it nothing but the looking up, which counts as storing. Meshes are built,
+/// encoded and stored side by side: that time is shared out as the threads spent it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
 pub struct IngestSeconds {
     /// Everything.
@@ -91,53 +93,58 @@ pub(super) struct Clock {
     pub import: f64,
     /// Build, encode and store of all meshes.
     pub meshes: f64,
-    /// Textures, scene and publishing.
+    /// Build records, textures, scene and publishing.
     pub rest: f64,
 }
 
-/// Lines of the import and of every asset's build, as many as are kept.
-pub(super) fn warnings(merged: &Merged, stored: &[StoredMesh]) -> Vec<String> {
-    let mut lines = merged.warnings.clone();
-    for mesh in unique(stored).values() {
-        lines.extend(
-            mesh.report
-                .warnings
-                .iter()
-                .map(|line| match line.starts_with("mesh ") {
-                    true => line.clone(),
-                    false => format!("mesh {:?}: {line}", mesh.name),
-                }),
-        );
+impl Clock {
+    /// `stored` are the assets that the run stored or reused.
+    pub(super) fn seconds<'a>(
+        &self,
+        stored: impl Iterator<Item = &'a StoredAsset>,
+    ) -> IngestSeconds {
+        let mut spent = [0.0; 3];
+        for asset in stored.filter(|asset| !asset.reused) {
+            spent[0] += asset.report.seconds.build;
+            spent[1] += asset.report.seconds.encode;
+            spent[2] += asset.store_secs;
+        }
+        let all = spent.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let [build, encode, store] = spent.map(|seconds| self.meshes * seconds / all);
+        IngestSeconds {
+            total: self.total,
+            import: self.import,
+            build,
+            encode,
+            store: store + self.rest,
+        }
     }
-    if merged.instances.is_empty() {
-        lines.push("the inputs hold no triangle: the scene is empty".to_owned());
-    }
-    if lines.len() > MOST_WARNINGS {
-        let more = lines.len() - MOST_WARNINGS;
-        lines.truncate(MOST_WARNINGS);
-        lines.push(format!("{more} more warnings"));
-    }
-    lines
 }
 
-fn unique(stored: &[StoredMesh]) -> BTreeMap<ContentHash, &StoredMesh> {
-    stored.iter().map(|mesh| (mesh.asset, mesh)).collect()
+/// Each asset once; one that was built now where equal ones were both built and reused.
+pub(super) fn unique(stored: &[Arc<StoredAsset>]) -> BTreeMap<ContentHash, &StoredAsset> {
+    let built = stored.iter().filter(|asset| !asset.reused);
+    let reused = stored.iter().filter(|asset| asset.reused);
+    let both = reused.chain(built);
+    both.map(|asset| (asset.asset, &**asset)).collect()
 }
 
 /// Adds up.
-pub(super) fn report(scene: &Scene, stored: &[StoredMesh], clock: Clock) -> IngestReport {
+pub(super) fn report(scene: &Scene, stored: &[Arc<StoredAsset>], clock: Clock) -> IngestReport {
     let assets = unique(stored);
     let mut report = IngestReport {
         input_triangles: scene.source_triangles,
         instances: scene.instances.len() as u64,
         assets: assets.len() as u64,
+        built: assets.values().filter(|asset| !asset.reused).count() as u64,
+        reused: assets.values().filter(|asset| asset.reused).count() as u64,
+        seconds: clock.seconds(assets.values().copied()),
         warnings: scene.warnings.clone(),
         peak_rss_bytes: peak_rss_bytes(),
         ..IngestReport::default()
     };
-    let mut spent = [0.0; 3];
-    for mesh in assets.values() {
-        let built = &mesh.report;
+    for asset in assets.values() {
+        let built = &asset.report;
         report.dag_triangles += built.dag_triangles;
         report.clusters += built.clusters;
         report.groups += built.groups;
@@ -148,9 +155,6 @@ pub(super) fn report(scene: &Scene, stored: &[StoredMesh], clock: Clock) -> Inge
         report.bytes.stored += built.bytes.stored;
         report.bytes.hierarchy += built.bytes.hierarchy;
         report.bytes.root_pages += built.bytes.root_pages;
-        spent[0] += built.seconds.build;
-        spent[1] += built.seconds.encode;
-        spent[2] += mesh.store_secs;
     }
     let objects: BTreeMap<_, _> = scene
         .textures
@@ -163,16 +167,7 @@ pub(super) fn report(scene: &Scene, stored: &[StoredMesh], clock: Clock) -> Inge
     report.bytes_per_input_triangle = over(bytes, report.input_triangles);
     report.bytes_per_dag_triangle = over(bytes, report.dag_triangles);
     report.cluster_fill = over(report.dag_triangles as f64, report.clusters);
-    report.levels_table = levels_table(assets.values().map(|mesh| &mesh.report.levels_table[..]));
-    let all = spent.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    let [build, encode, store] = spent.map(|seconds| clock.meshes * seconds / all);
-    report.seconds = IngestSeconds {
-        total: clock.total,
-        import: clock.import,
-        build,
-        encode,
-        store: store + clock.rest,
-    };
+    report.levels_table = levels_table(assets.values().map(|asset| &asset.report.levels_table[..]));
     report
 }
 
@@ -198,7 +193,7 @@ fn levels_table<'a>(tables: impl Iterator<Item = &'a [LevelRow]>) -> Vec<LevelRo
 }
 
 /// `VmHWM` of Linux' `/proc/self/status`.
-fn peak_rss_bytes() -> Option<u64> {
+pub(super) fn peak_rss_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status
         .lines()

@@ -34,6 +34,24 @@ pub enum LibraryError {
         /// Its place in the library.
         path: String,
     },
+    /// Jobs of a scene that nobody planned.
+    #[error(
+        "library {location}: scene {scene}: expected a plan, found none (ingest --plan makes one)"
+    )]
+    NoPlan {
+        /// The library.
+        location: String,
+        /// The scene.
+        scene: String,
+    },
+    /// A local file that is to become an object cannot be read.
+    #[error("{}: cannot read: {cause}", file.display())]
+    File {
+        /// The file.
+        file: std::path::PathBuf,
+        /// The operating system's reason.
+        cause: std::io::Error,
+    },
     /// Bytes are there, and are not what their name or the format promises.
     #[error("library {location}: {path}: {error}")]
     Damaged {
@@ -61,7 +79,7 @@ impl LibraryError {
     pub fn is_missing(&self) -> bool {
         matches!(
             self,
-            Self::NoScene { .. } | Self::NoObject { .. } | Self::Name(_)
+            Self::NoScene { .. } | Self::NoObject { .. } | Self::NoPlan { .. } | Self::Name(_)
         )
     }
 }

@@ -1,13 +1,22 @@
-//! Sweeping objects that hang on no scene.
+//! Sweeping objects that hang on no scene, and the notes of ingest that have outlived their use.
 //!
-//! Safe beside a running ingest: objects younger than the grace period are spared, an ingest renews the age of old objects
-//! that it uses again, the age is read again just before an object goes, and `publish` checks that everything is there.
-//! An ingest that runs longer than the grace period can lose objects; its publish then fails and the old scene stays.
+//! Safe beside a running ingest: objects younger than the grace period are spared, and so is what a younger build record or
+//! plan names; an ingest renews the age of what it uses again, the age is read again just before something goes, and
+//! `publish` checks that everything is there. An ingest that runs longer than the grace period, or reuses a build in the
+//! moment in which it is swept, can lose objects; its publish then fails, the old scene stays, and a second run builds anew.
 
-use futures_util::TryStreamExt;
+use std::collections::BTreeSet;
+
+use futures_util::{StreamExt, TryStreamExt, stream};
+use lodestream_format::ContentHash;
+use object_store::path::Path;
+use serde::de::IgnoredAny;
 
 use super::objects::now_secs;
-use super::{Library, LibraryError, Reach, object_path};
+use super::{Library, LibraryError, ObjectEntry, Reach, object_path};
+
+/// Build records looked at at once.
+const READS_AT_ONCE: usize = 16;
 
 /// How to sweep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,16 +38,42 @@ pub struct GcReport {
     pub removed: u64,
     /// Their bytes.
     pub removed_bytes: u64,
+    /// Build records that stay.
+    pub records: u64,
+    /// Build records removed: of objects that go, or that are gone.
+    pub removed_records: u64,
+    /// Plans that stay.
+    pub plans: u64,
+    /// Plans removed.
+    pub removed_plans: u64,
+}
+
+/// What notes of ingest keep beside the scenes.
+#[derive(Debug, Default)]
+struct Kept {
+    objects: BTreeSet<ContentHash>,
+    /// Keys of records.
+    builds: BTreeSet<ContentHash>,
 }
 
 impl Library {
-    /// Removes the objects that no scene needs. A damaged scene or asset ends it before anything is removed.
+    /// Removes what no scene needs. A damaged scene or asset ends it before anything is removed.
     pub async fn gc(&self, options: GcOptions) -> Result<GcReport, LibraryError> {
         // Listed before marking: whatever a publish between the two makes live was either listed and is then marked, or was
         // not listed and is not touched.
         let listed: Vec<_> = self.objects().try_collect().await?;
+        let records: Vec<_> = self.builds().try_collect().await?;
+        let plans = self.plans().await?;
         let live = self.live_objects().await?;
         let mut report = GcReport::default();
+        let mut kept = Kept::default();
+        for plan in plans {
+            self.sweep_plan(&plan, options, &mut kept, &mut report)
+                .await?;
+        }
+        let there: BTreeSet<_> = listed.iter().filter_map(|entry| entry.hash).collect();
+        self.sweep_records(records, &there, &live, options, &mut kept, &mut report)
+            .await?;
         for entry in listed {
             let Some(hash) = entry.hash else { continue };
             if live.contains(&hash) {
@@ -49,7 +84,7 @@ impl Library {
             let Some(now) = self.entry(&path).await? else {
                 continue;
             };
-            if now_secs() - now.written_secs < options.grace_secs as i64 {
+            if is_young(&now, options) || kept.objects.contains(&hash) {
                 report.young += 1;
                 continue;
             }
@@ -60,6 +95,118 @@ impl Library {
             report.removed_bytes += now.bytes;
         }
         Ok(report)
+    }
+
+    async fn sweep_plan(
+        &self,
+        entry: &ObjectEntry,
+        options: GcOptions,
+        kept: &mut Kept,
+        report: &mut GcReport,
+    ) -> Result<(), LibraryError> {
+        let path = Path::from(entry.path.as_str());
+        let name = path.filename().unwrap_or_default();
+        // Read again: a job may have renewed it.
+        let Some(now) = self.entry(&path).await? else {
+            return Ok(());
+        };
+        match is_young(&now, options) {
+            true => {
+                report.plans += 1;
+                match self.plan::<IgnoredAny>(name).await {
+                    Ok(plan) => {
+                        kept.objects.extend(plan.objects);
+                        kept.builds.extend(plan.builds);
+                    }
+                    // What it kept cannot be known; its jobs will say that it is damaged.
+                    Err(LibraryError::Damaged { .. } | LibraryError::Name(_)) => {}
+                    Err(error) if error.is_missing() => {}
+                    Err(error) => return Err(error),
+                }
+            }
+            false => {
+                report.removed_plans += 1;
+                if !options.dry_run {
+                    self.delete(&path).await?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Drops the records that nothing keeps, before their objects go; what the others name is added to `kept`.
+    async fn sweep_records(
+        &self,
+        records: Vec<ObjectEntry>,
+        there: &BTreeSet<ContentHash>,
+        live: &Reach,
+        options: GcOptions,
+        kept: &mut Kept,
+        report: &mut GcReport,
+    ) -> Result<(), LibraryError> {
+        let planned = &kept.builds;
+        let looks = records.into_iter().map(|entry| async move {
+            let stays = self.record_stays(&entry, there, live, planned, options);
+            stays.await.map(|stays| (entry, stays))
+        });
+        let mut looks = std::pin::pin!(stream::iter(looks).buffered(READS_AT_ONCE));
+        let mut objects = vec![];
+        while let Some((entry, stays)) = looks.try_next().await? {
+            match stays {
+                Some(named) => {
+                    report.records += 1;
+                    objects.extend(named);
+                }
+                None => {
+                    report.removed_records += 1;
+                    if !options.dry_run {
+                        self.delete(&Path::from(entry.path)).await?;
+                    }
+                }
+            }
+        }
+        kept.objects.extend(objects);
+        Ok(())
+    }
+
+    /// The objects of a record that stays; `None` for one that goes.
+    async fn record_stays(
+        &self,
+        entry: &ObjectEntry,
+        there: &BTreeSet<ContentHash>,
+        live: &Reach,
+        planned: &BTreeSet<ContentHash>,
+        options: GcOptions,
+    ) -> Result<Option<Vec<ContentHash>>, LibraryError> {
+        let Some(key) = entry.hash else {
+            return Ok(Some(vec![]));
+        };
+        let record = match self.build::<IgnoredAny>(&key).await {
+            Ok(Some(record)) => record,
+            // Removed since it was listed.
+            Ok(None) => return Ok(Some(vec![])),
+            // Another version may have written it just now.
+            Err(LibraryError::Damaged { .. }) if is_young(entry, options) => {
+                return Ok(Some(vec![]));
+            }
+            Err(LibraryError::Damaged { .. }) => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        let objects = record.objects();
+        for hash in &objects {
+            // Not listed: stored since, or gone.
+            if !there.contains(hash) && self.object_bytes(hash).await?.is_none() {
+                return Ok(None);
+            }
+        }
+        if objects.iter().all(|hash| live.contains(hash)) {
+            return Ok(Some(vec![]));
+        }
+        let path = Path::from(entry.path.as_str());
+        // Read again: an ingest may have renewed it.
+        let now = self.entry(&path).await?;
+        let stays = planned.contains(&key) || now.is_some_and(|now| is_young(&now, options));
+        Ok(stays.then(|| objects.to_vec()))
     }
 
     async fn live_objects(&self) -> Result<Reach, LibraryError> {
@@ -74,4 +221,8 @@ impl Library {
         }
         Ok(live)
     }
+}
+
+fn is_young(entry: &ObjectEntry, options: GcOptions) -> bool {
+    now_secs() - entry.written_secs < options.grace_secs as i64
 }

@@ -3,15 +3,21 @@
 //! ```text
 //! objects/ab/ab12…   put once, never changed        (`objects`)
 //! scenes/NAME        swapped atomically             (`scenes`)
+//! builds/ab/ab12…    which asset a mesh became      (`builds`, for ingest alone)
+//! plans/NAME         which job builds which mesh    (`plans`, for ingest alone)
 //! ```
 //!
 //! Everything that a scene needs hangs on its reference (`reach`): scene -> assets -> packs and hierarchies, and textures.
 //! `gc` sweeps what hangs on none. Any number of servers and one or more writers may share a library.
 
+mod builds;
 mod error;
+mod files;
 mod gc;
 mod location;
+mod notes;
 mod objects;
+mod plans;
 mod reach;
 mod scenes;
 
@@ -21,9 +27,11 @@ use lodestream_format::{ContentHash, FormatError, library};
 use object_store::ObjectStore;
 use object_store::path::Path;
 
+pub use builds::BuildRecord;
 pub use error::LibraryError;
 pub use gc::{GcOptions, GcReport};
 pub use objects::{ObjectEntry, Put};
+pub use plans::PlanNote;
 pub use reach::Reach;
 
 /// A handle on a library; clones share the store.

@@ -56,15 +56,12 @@ impl Library {
         let put = match self.entry(&path).await? {
             None => Put::Stored,
             Some(entry) if entry.bytes != bytes.len() as u64 => Put::Healed,
+            Some(_) if !self.holds(&path, &bytes).await? => Put::Healed,
             Some(entry) => {
-                if !self.holds(&path, &bytes).await? {
-                    Put::Healed
-                } else if now_secs() - entry.written_secs > renew_after_secs {
-                    self.write(&path, bytes).await?;
-                    return Ok((hash, Put::Known));
-                } else {
+                if now_secs() - entry.written_secs <= renew_after_secs {
                     return Ok((hash, Put::Known));
                 }
+                Put::Known
             }
         };
         // Overwriting is atomic, and a racing writer of the same name writes the same bytes.
@@ -159,7 +156,7 @@ impl Library {
         self.pieces(&object_path(hash), range)
     }
 
-    fn pieces(
+    pub(super) fn pieces(
         &self,
         path: &Path,
         range: Range<u64>,
@@ -203,7 +200,7 @@ impl Library {
         let at = folder.clone();
         self.store.list(Some(&folder)).map(move |listed| {
             listed
-                .map(entry_of)
+                .map(|meta| ObjectEntry::of(meta, object_path))
                 .map_err(|error| self.store_error(&at, error))
         })
     }
@@ -211,7 +208,7 @@ impl Library {
     /// What lies at `path`, or `None`.
     pub(super) async fn entry(&self, path: &Path) -> Result<Option<ObjectEntry>, LibraryError> {
         match self.store.head(path).await {
-            Ok(meta) => Ok(Some(entry_of(meta))),
+            Ok(meta) => Ok(Some(ObjectEntry::of(meta, object_path))),
             Err(object_store::Error::NotFound { .. }) => Ok(None),
             Err(error) => Err(self.store_error(path, error)),
         }
@@ -226,13 +223,19 @@ impl Library {
     }
 }
 
-fn entry_of(meta: object_store::ObjectMeta) -> ObjectEntry {
-    let name = meta.location.filename().and_then(|name| name.parse().ok());
-    ObjectEntry {
-        hash: name.filter(|hash| object_path(hash) == meta.location),
-        path: meta.location.to_string(),
-        bytes: meta.size,
-        written_secs: meta.last_modified.timestamp(),
+impl ObjectEntry {
+    /// `path_of` says where what has a name lies.
+    pub(super) fn of(
+        meta: object_store::ObjectMeta,
+        path_of: impl Fn(&ContentHash) -> Path,
+    ) -> Self {
+        let name = meta.location.filename().and_then(|name| name.parse().ok());
+        Self {
+            hash: name.filter(|hash| path_of(hash) == meta.location),
+            path: meta.location.to_string(),
+            bytes: meta.size,
+            written_secs: meta.last_modified.timestamp(),
+        }
     }
 }
 

@@ -3,9 +3,11 @@
 #![allow(dead_code)]
 
 pub mod binary;
+pub mod bumps;
 pub mod gltf;
 pub mod made;
 pub mod server;
+pub mod watched;
 
 /// A runtime of two threads for what is not async.
 pub fn runtime() -> tokio::runtime::Runtime {
@@ -14,4 +16,28 @@ pub fn runtime() -> tokio::runtime::Runtime {
         .enable_all()
         .build()
         .expect("a runtime")
+}
+
+/// Files below `folder`, by their paths in it.
+pub fn files(folder: &std::path::Path) -> Vec<std::path::PathBuf> {
+    let mut found = vec![];
+    for entry in std::fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.expect("works").path();
+        match path.is_dir() {
+            true => found.extend(files(&path)),
+            false => found.push(path),
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Makes files a week old.
+pub fn age(paths: &[std::path::PathBuf]) {
+    let long_ago = std::time::SystemTime::now() - std::time::Duration::from_secs(7 * 86_400);
+    for path in paths {
+        let file = std::fs::File::options().write(true).open(path);
+        file.and_then(|file| file.set_modified(long_ago))
+            .expect("works");
+    }
 }

@@ -568,9 +568,9 @@ impl<const K: usize> Collapser<K> {
                     .iter()
                     .find(|pair| !seam(mesh, pair[0], vertex));
                 let target = match beside {
-                    Some(pair) => self.nearest_vertex(mesh, vertex, to, |other| {
-                        !seam(mesh, other, pair[1])
-                    }),
+                    Some(pair) => {
+                        self.nearest_vertex(mesh, vertex, to, |other| !seam(mesh, other, pair[1]))
+                    }
                     None if freedom == Freedom::Kept => None,
                     None => {
                         let slot = |vertex: u16| mesh.welder.vertices[vertex as usize].1;

@@ -42,6 +42,27 @@ pub enum Placement {
     Subset,
 }
 
+impl Placement {
+    /// Its name as an option.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Optimal => "optimal",
+            Self::Subset => "subset",
+        }
+    }
+}
+
+impl std::str::FromStr for Placement {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        [Self::Optimal, Self::Subset]
+            .into_iter()
+            .find(|placement| placement.name() == name)
+            .ok_or_else(|| format!("expected optimal or subset, found {name:?}"))
+    }
+}
+
 /// A group's replacement.
 #[derive(Debug)]
 pub(super) struct Simplified {

@@ -1,0 +1,165 @@
+//! `ingest`, whole or in jobs.
+
+use tokio::runtime::Handle;
+
+use super::args::IngestArgs;
+use super::commands::CommandError;
+use super::output::{self, line};
+use crate::build::BuildOptions;
+use crate::ingest::{self, IngestError, IngestOptions, IngestReport, JobOptions, PlanReport};
+use crate::library::Library;
+
+/// Runs what the options ask for.
+pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(), CommandError> {
+    let failed = |error: IngestError| CommandError::Ingest(Box::new(error));
+    if args.finish {
+        let library = Library::open(&args.library)?;
+        let done = ingest::finish(handle, &library, &args.scene, !quiet).map_err(failed)?;
+        return published(&args, &done, quiet);
+    }
+    if let Some(job) = args.job {
+        return one_job(handle, args, job, quiet);
+    }
+    if args.plan && args.library.starts_with("memory://") {
+        return Err(CommandError::PlanInMemory);
+    }
+    let library = Library::open_or_create(&args.library)?;
+    let options = IngestOptions {
+        inputs: args.inputs.clone(),
+        scene: args.scene.clone(),
+        threads: args.threads,
+        memory_limit_bytes: args.memory_limit,
+        build: BuildOptions {
+            position_step: args.position_step,
+            placement: args.placement,
+            codec: args.codec,
+        },
+        scratch: args.scratch.clone(),
+        rebuild: args.rebuild,
+        progress: !quiet,
+    };
+    match args.jobs {
+        Some(jobs) => {
+            let done = ingest::plan(handle, &library, &options, jobs).map_err(failed)?;
+            output::report(args.report.as_deref(), &done)?;
+            if !quiet {
+                planned(&args.library, &done);
+            }
+            Ok(())
+        }
+        None => {
+            let done = ingest::ingest(handle, &library, &options).map_err(failed)?;
+            published(&args, &done, quiet)
+        }
+    }
+}
+
+fn published(args: &IngestArgs, done: &IngestReport, quiet: bool) -> Result<(), CommandError> {
+    output::report(args.report.as_deref(), done)?;
+    if quiet {
+        return Ok(());
+    }
+    for warning in &done.warnings {
+        tracing::info!("{warning}");
+    }
+    if !done.warnings.is_empty() {
+        tracing::warn!(
+            "{} warnings; -v, show and --report tell them",
+            done.warnings.len()
+        );
+    }
+    line(format_args!(
+        "{}: {} triangles in {} assets ({} built, {} reused) and {} instances, {} pages, {} bytes, {:.2} s",
+        args.scene,
+        done.input_triangles,
+        done.assets,
+        done.built,
+        done.reused,
+        done.instances,
+        done.pages,
+        done.bytes.stored + done.bytes.hierarchy + done.bytes.textures,
+        done.seconds.total,
+    ));
+    Ok(())
+}
+
+fn one_job(handle: &Handle, args: IngestArgs, job: u32, quiet: bool) -> Result<(), CommandError> {
+    let library = Library::open(&args.library)?;
+    let options = JobOptions {
+        scene: args.scene,
+        job,
+        inputs: args.inputs,
+        threads: args.threads,
+        memory_limit_bytes: args.memory_limit,
+        scratch: args.scratch,
+        rebuild: args.rebuild,
+        progress: !quiet,
+    };
+    let done = ingest::job(handle, &library, &options)
+        .map_err(|error| CommandError::Ingest(Box::new(error)))?;
+    output::report(args.report.as_deref(), &done)?;
+    if !quiet {
+        line(format_args!(
+            "{}: job {} of 0 to {}: {} meshes, {} built, {} reused, {} triangles, {:.2} s",
+            done.scene,
+            done.job,
+            done.jobs - 1,
+            done.meshes,
+            done.built,
+            done.reused,
+            done.triangles,
+            done.seconds.total,
+        ));
+    }
+    Ok(())
+}
+
+/// What was planned, and the commands to go on with.
+fn planned(library: &str, done: &PlanReport) {
+    let jobs = done.jobs.len();
+    let most = done.jobs.iter().map(|job| job.triangles).max();
+    line(format_args!(
+        "{}: {} meshes, {} triangles in {jobs} jobs of at most {} triangles; {} meshes are built already",
+        done.scene,
+        done.meshes,
+        done.triangles,
+        most.unwrap_or(0),
+        done.reusable,
+    ));
+    let idle = done.jobs.iter().filter(|job| job.meshes == 0).count();
+    if idle > 0 {
+        line(format_args!(
+            "{idle} jobs have nothing to do: a mesh is not split"
+        ));
+    }
+    let program = std::env::args()
+        .next()
+        .unwrap_or_else(|| "lodestream-server".to_owned());
+    let command = format!(
+        "{} ingest --library {} --scene {}",
+        quoted(&program),
+        quoted(library),
+        done.scene
+    );
+    let last = jobs - 1;
+    line(format_args!(
+        "each job, from 0 to {last}, in any order:\n  {command} --job 0"
+    ));
+    line(format_args!(
+        "or all of them:\n  parallel -q {command} --job {{}} ::: $(seq 0 {last})"
+    ));
+    line(format_args!(
+        "  sbatch --array=0-{last} --wrap {}",
+        quoted(&format!("{command} --job auto"))
+    ));
+    line(format_args!("then:\n  {command} --finish"));
+}
+
+/// A word as a shell reads it.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+=:@%,".contains(c);
+    match !word.is_empty() && word.chars().all(plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    }
+}

@@ -1,0 +1,183 @@
+//! Files too large for memory become objects, read and sent part by part.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path as FilePath, PathBuf};
+
+use bytes::Bytes;
+use futures_util::TryStreamExt;
+use lodestream_format::ContentHash;
+use lodestream_format::hash::ContentHasher;
+use object_store::path::Path;
+use object_store::{ObjectStoreExt, WriteMultipart};
+
+use super::error::wrong_hash;
+use super::objects::now_secs;
+use super::{Library, LibraryError, Put, object_path};
+
+/// Bytes of a part unless the file is so large that there would be too many.
+const PART_BYTES: u64 = 8 * 1024 * 1024;
+/// Stores like S3 take at most 10,000.
+const MOST_PARTS: u64 = 9_000;
+/// Parts on their way at once; so many are in memory.
+const PARTS_AT_ONCE: usize = 4;
+
+impl Library {
+    /// Stores the file at `file` under its hash, unless it is there already, holding a few parts of it in memory.
+    ///
+    /// The file is read twice, first for its hash. An object that is there is compared whole, so a damaged one heals, and made
+    /// young again where it is older than `renew_after_secs`, as [`Library::put_object`] does. The object appears when it is
+    /// whole; an upload that fails is aborted.
+    ///
+    /// # Errors
+    /// [`LibraryError::File`] where the file cannot be read, [`LibraryError::Damaged`] where it changed meanwhile.
+    pub async fn put_object_file(
+        &self,
+        file: &FilePath,
+        renew_after_secs: i64,
+    ) -> Result<(ContentHash, Put), LibraryError> {
+        let (hash, bytes) = hash_file(file).await?;
+        let path = object_path(&hash);
+        let put = match self.entry(&path).await? {
+            None => Put::Stored,
+            Some(entry) if entry.bytes != bytes => Put::Healed,
+            Some(_) if !self.holds_file(&path, file, bytes).await? => Put::Healed,
+            Some(entry) => {
+                if now_secs() - entry.written_secs <= renew_after_secs {
+                    return Ok((hash, Put::Known));
+                }
+                Put::Known
+            }
+        };
+        self.upload(&path, file, &hash, bytes).await?;
+        Ok((hash, put))
+    }
+
+    /// Sends the parts; the object is there, whole, or is not.
+    async fn upload(
+        &self,
+        path: &Path,
+        file: &FilePath,
+        hash: &ContentHash,
+        bytes: u64,
+    ) -> Result<(), LibraryError> {
+        let part_bytes = PART_BYTES.max(bytes.div_ceil(MOST_PARTS));
+        let upload = self.store.put_multipart(path).await;
+        let upload = upload.map_err(|error| self.store_error(path, error))?;
+        let mut upload = WriteMultipart::new_with_chunk_size(upload, part_bytes as usize);
+        let sent = self.send_parts(&mut upload, path, file, part_bytes).await;
+        let sent = sent.and_then(|found| match found == *hash {
+            true => Ok(()),
+            false => Err(self.damaged(path.as_ref(), wrong_hash(hash, &found, bytes))),
+        });
+        if let Err(error) = sent {
+            // The first error is the one to tell.
+            let _ = upload.abort().await;
+            return Err(error);
+        }
+        let finished = upload.finish().await;
+        finished.map_err(|error| self.store_error(path, error))?;
+        Ok(())
+    }
+
+    /// Gives the hash of what was sent: a file that changes between its two readings must not become an object.
+    async fn send_parts(
+        &self,
+        upload: &mut WriteMultipart,
+        path: &Path,
+        file: &FilePath,
+        part_bytes: u64,
+    ) -> Result<ContentHash, LibraryError> {
+        let mut hasher = ContentHasher::default();
+        let mut parts = Parts::open(file, part_bytes).await?;
+        while let Some(part) = parts.next().await? {
+            hasher.update(&part);
+            let room = upload.wait_for_capacity(PARTS_AT_ONCE).await;
+            room.map_err(|error| self.store_error(path, error))?;
+            upload.put(part);
+        }
+        Ok(hasher.finish())
+    }
+
+    async fn holds_file(
+        &self,
+        path: &Path,
+        file: &FilePath,
+        bytes: u64,
+    ) -> Result<bool, LibraryError> {
+        let mut pieces = std::pin::pin!(self.pieces(path, 0..bytes));
+        let mut parts = Parts::open(file, PART_BYTES).await?;
+        let mut part = Bytes::new();
+        while let Some(mut piece) = pieces.try_next().await? {
+            while !piece.is_empty() {
+                if part.is_empty() {
+                    match parts.next().await? {
+                        Some(next) => part = next,
+                        None => return Ok(false),
+                    }
+                }
+                let both = piece.len().min(part.len());
+                if piece.split_to(both) != part.split_to(both) {
+                    return Ok(false);
+                }
+            }
+        }
+        Ok(part.is_empty() && parts.next().await?.is_none())
+    }
+}
+
+async fn hash_file(file: &FilePath) -> Result<(ContentHash, u64), LibraryError> {
+    let mut hasher = ContentHasher::default();
+    let mut bytes = 0;
+    let mut parts = Parts::open(file, PART_BYTES).await?;
+    while let Some(part) = parts.next().await? {
+        bytes += part.len() as u64;
+        hasher.update(&part);
+    }
+    Ok((hasher.finish(), bytes))
+}
+
+/// A file read part by part off the runtime's threads.
+struct Parts {
+    name: PathBuf,
+    part_bytes: u64,
+    /// `None` after an error.
+    file: Option<File>,
+}
+
+impl Parts {
+    async fn open(name: &FilePath, part_bytes: u64) -> Result<Self, LibraryError> {
+        let name = name.to_owned();
+        let file = File::open(&name).map_err(|cause| LibraryError::File {
+            file: name.clone(),
+            cause,
+        })?;
+        Ok(Self {
+            name,
+            part_bytes,
+            file: Some(file),
+        })
+    }
+
+    /// The next part, full but for the last one; `None` at the end.
+    async fn next(&mut self) -> Result<Option<Bytes>, LibraryError> {
+        let Some(mut file) = self.file.take() else {
+            return Ok(None);
+        };
+        let part_bytes = self.part_bytes;
+        let read = tokio::task::spawn_blocking(move || {
+            let mut part = Vec::with_capacity(part_bytes as usize);
+            (&mut file).take(part_bytes).read_to_end(&mut part)?;
+            Ok((file, part))
+        });
+        let (file, part) = read
+            .await
+            .unwrap_or_else(|error| Err(error.into()))
+            .map_err(|cause| LibraryError::File {
+                file: self.name.clone(),
+                cause,
+            })?;
+        self.file = Some(file);
+        Ok((!part.is_empty()).then(|| part.into()))
+    }
+}

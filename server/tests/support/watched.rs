@@ -1,0 +1,102 @@
+//! A store in memory that notes what is written, and can be told to fail.
+
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use futures_util::stream::BoxStream;
+use object_store::memory::InMemory;
+use object_store::path::Path;
+use object_store::{
+    CopyOptions, GetOptions, GetResult, ListResult, MultipartUpload, ObjectMeta, ObjectStore,
+    PutMultipartOptions, PutOptions, PutPayload, PutResult, Result,
+};
+
+#[derive(Debug)]
+pub struct Watched {
+    inner: InMemory,
+    /// Paths in the order of their writes.
+    written: Mutex<Vec<String>>,
+    /// Writes that still succeed.
+    writes_left: AtomicI64,
+}
+
+impl Watched {
+    pub fn new() -> Arc<Self> {
+        Arc::new(Self {
+            inner: InMemory::new(),
+            written: Mutex::default(),
+            writes_left: AtomicI64::new(i64::MAX),
+        })
+    }
+
+    /// What was written since the last call, sorted.
+    pub fn take_written(&self) -> Vec<String> {
+        let mut written = std::mem::take(&mut *self.written.lock().expect("works"));
+        written.sort();
+        written
+    }
+
+    /// All writes after so many fail.
+    pub fn fail_after(&self, writes: i64) {
+        self.writes_left.store(writes, Ordering::SeqCst);
+    }
+}
+
+impl std::fmt::Display for Watched {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("watched memory")
+    }
+}
+
+#[async_trait::async_trait]
+impl ObjectStore for Watched {
+    async fn put_opts(
+        &self,
+        location: &Path,
+        payload: PutPayload,
+        opts: PutOptions,
+    ) -> Result<PutResult> {
+        if self.writes_left.fetch_sub(1, Ordering::SeqCst) <= 0 {
+            return Err(object_store::Error::Generic {
+                store: "watched",
+                source: "the disk is full".into(),
+            });
+        }
+        self.written
+            .lock()
+            .expect("works")
+            .push(location.to_string());
+        self.inner.put_opts(location, payload, opts).await
+    }
+
+    async fn put_multipart_opts(
+        &self,
+        location: &Path,
+        opts: PutMultipartOptions,
+    ) -> Result<Box<dyn MultipartUpload>> {
+        self.inner.put_multipart_opts(location, opts).await
+    }
+
+    async fn get_opts(&self, location: &Path, options: GetOptions) -> Result<GetResult> {
+        self.inner.get_opts(location, options).await
+    }
+
+    fn delete_stream(
+        &self,
+        locations: BoxStream<'static, Result<Path>>,
+    ) -> BoxStream<'static, Result<Path>> {
+        self.inner.delete_stream(locations)
+    }
+
+    fn list(&self, prefix: Option<&Path>) -> BoxStream<'static, Result<ObjectMeta>> {
+        self.inner.list(prefix)
+    }
+
+    async fn list_with_delimiter(&self, prefix: Option<&Path>) -> Result<ListResult> {
+        self.inner.list_with_delimiter(prefix).await
+    }
+
+    async fn copy_opts(&self, from: &Path, to: &Path, options: CopyOptions) -> Result<()> {
+        self.inner.copy_opts(from, to, options).await
+    }
+}
