@@ -58,15 +58,20 @@ pub(super) fn grown(sphere: Sphere, grids: &Grids, clusters: &Clusters) -> Spher
     }
 }
 
-/// Error of a group's replacement, metres: its distance to the source, or its attributes' error where that is larger, but
-/// never less than any member's. Nothing is farther off than the lod sphere is wide, which holds both surfaces and only
+/// Error of a group's replacement, metres: the source's distance to it, its own to the source, or its attributes' error,
+/// whichever is largest, but never less than any member's. Its own distance to the source is that to its members and
+/// theirs to the source; both are errors at random to each other, so they add up as squares do. Nothing is farther off than the lod sphere is wide, which holds both surfaces and only
 /// grows toward the root.
 pub(super) fn parent_error(births: &[Birth], simplified: &Simplified, lod_sphere: &Sphere) -> f32 {
     let members = births
         .iter()
         .map(|birth| birth.error_metres as f64)
         .fold(0.0, f64::max);
-    let error = simplified.distance_metres.max(simplified.attribute_metres);
+    let back = simplified.step_metres.hypot(members);
+    let error = simplified
+        .distance_metres
+        .max(back)
+        .max(simplified.attribute_metres);
     // Below the root's, whatever the size of the mesh.
     let most = members.max(2.0 * lod_sphere.radius as f64);
     round_up(error.max(members).min(most)).min(ROOT_ERROR / 2.0)

@@ -26,7 +26,7 @@ const WORTH_A_SWEEP: f64 = 0.98;
 /// A result with at most this share of the triangles left needs no freer attempt.
 const GOOD_ENOUGH: f64 = 0.6;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
-const MARGIN: f64 = 1.4;
+const MARGIN: f64 = 1.2;
 /// Share of the group's size that rounding in f32 may hide.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 /// Triangles of a full cluster.
@@ -67,8 +67,10 @@ impl std::str::FromStr for Placement {
 #[derive(Debug)]
 pub(super) struct Simplified {
     pub clusters: Clusters,
-    /// Distance between the new surface and the source, metres.
+    /// Distance of the source from the new surface, metres.
     pub distance_metres: f64,
+    /// Distance of the new surface from the group's, metres.
+    pub step_metres: f64,
     /// Attributes' error, metres.
     pub attribute_metres: f64,
     /// Whether open edges of the surface moved.
@@ -140,6 +142,7 @@ impl Workspace {
         Some(Simplified {
             clusters: clusterizer.clusterize(&surface, job.level),
             distance_metres: result.distance * metres,
+            step_metres: result.step * metres,
             attribute_metres: result.attribute * metres,
             open_edges_moved: result.open_edges_moved,
         })
@@ -162,8 +165,17 @@ struct Outcome {
     triangles: Vec<[u32; 3]>,
     witnesses: Vec<Witness>,
     distance: f64,
+    step: f64,
     attribute: f64,
     open_edges_moved: bool,
+}
+
+/// A measured distance with what the samples may have missed.
+fn margin(distance: f64) -> f64 {
+    match distance > 0.0 {
+        true => distance * MARGIN + ROUNDING,
+        false => 0.0,
+    }
 }
 
 fn collapse<const K: usize>(
@@ -200,6 +212,7 @@ fn collapse<const K: usize>(
     }
     let Testimony {
         distance,
+        step,
         witnesses,
     } = court.hear(state, mesh, origins);
     let live: Vec<[u16; 3]> = (0..before)
@@ -216,7 +229,8 @@ fn collapse<const K: usize>(
     Some(Outcome {
         triangles: live.iter().map(|corners| corners.map(u32::from)).collect(),
         witnesses,
-        distance: distance as f64 * MARGIN + if distance > 0.0 { ROUNDING } else { 0.0 },
+        distance: margin(distance as f64),
+        step: margin(step as f64),
         attribute: attribute.max(lost_material),
         open_edges_moved: state.open_moved,
     })
@@ -266,7 +280,8 @@ fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
     let (witnesses, farthest) = witness::after_merge(mesh, &triangles, &after, &moved_to);
     Some(Outcome {
         attribute: mesh.typical_edge(&triangles) as f64,
-        distance: step.max(farthest) * MARGIN + ROUNDING,
+        distance: margin(step.max(farthest)),
+        step: margin(step),
         witnesses,
         triangles: triangles
             .iter()

@@ -3,7 +3,11 @@
 //! Witnesses are points of the source that have been left behind, each with the triangle nearest to it. A group hands its
 //! farthest ones on, so every level is measured against the source itself, not against the level before, and errors do not
 //! add up. The distance from a witness is taken to triangles near the place that it went to: never below the distance to the
-//! whole surface. Witnesses are samples; `MARGIN` is for what lies between them (`loadtests build` measures what is left).
+//! whole surface.
+//!
+//! Between the vertices two surfaces are farthest apart where their edges cross, so where the quadrics say that the surface
+//! lies loose, the middles of the old edges bear witness too, and the new triangles are held against the old ones. All are
+//! samples; `MARGIN` is for what lies between them (`lodestream-loadtests build` measures what is left).
 
 use super::super::borders::OPEN;
 use super::super::cluster::Witness;
@@ -14,14 +18,18 @@ use super::quadric::{cross, dot, sub};
 
 /// A witness nearer than this share of the farthest one is not handed on.
 const HANDED_ON: f32 = 0.3;
-/// A witness nearer than this share of the farthest one so far is not looked at further.
+/// A witness whose squared distance is less than this share of the largest so far is not looked at further.
 const ENOUGH: f32 = 0.25;
+/// Places whose mean squared distance to their planes is more than this share of the largest squared distance are loose.
+const LOOSE: f32 = 0.08;
 
 /// What the witnesses of a group say.
 #[derive(Debug, Default)]
 pub(in super::super) struct Testimony {
-    /// Farthest distance, units.
+    /// Farthest distance of the source from what stands for it, units.
     pub distance: f32,
+    /// Farthest distance of that from the group as it was, units.
+    pub step: f32,
     /// Those handed on, by triangle.
     pub witnesses: Vec<Witness>,
 }
@@ -33,7 +41,13 @@ pub(super) struct Court {
     farthest: Vec<(f32, [i32; 3])>,
     seen: Vec<u32>,
     now: u32,
+    /// First corner at each place of the group as it was, and the next of each.
+    head: Vec<u16>,
+    next: Vec<u16>,
+    loose: Vec<bool>,
 }
+
+const NONE: u16 = u16::MAX;
 
 impl Court {
     /// Hears every place that went, every place that moved from its `origins`, and every witness handed on.
@@ -95,9 +109,13 @@ impl Court {
         if !lost.is_empty() {
             worst = worst.max(self.search(state, mesh, &lost));
         }
+        self.find_loose(state, mesh, origins, worst);
+        let worst = self.old_edges(state, mesh, origins, worst);
+        let step = self.new_triangles(state, mesh, origins, worst);
         let least = HANDED_ON * HANDED_ON * worst;
         let mut testimony = Testimony {
             distance: worst.sqrt(),
+            step: step.sqrt(),
             witnesses: Vec::new(),
         };
         let mut number = 0;
@@ -114,6 +132,138 @@ impl Court {
             number += 1;
         }
         testimony
+    }
+
+    /// Marks the places that are left whose quadrics promise an error near the largest one.
+    fn find_loose<const K: usize>(
+        &mut self,
+        state: &Collapser<K>,
+        mesh: &GroupMesh,
+        origins: &[[f32; 3]],
+        worst: f32,
+    ) {
+        self.loose.clear();
+        self.loose.extend((0..origins.len()).map(|place| {
+            let quadric = &state.quadrics[place];
+            let offset = sub(mesh.positions[place], origins[place]);
+            quadric.at(offset) > LOOSE * worst * quadric.weight
+        }));
+    }
+
+    /// Largest squared distance, `worst` at least, of the middles of the group's old edges to what is left.
+    fn old_edges<const K: usize>(
+        &mut self,
+        state: &Collapser<K>,
+        mesh: &GroupMesh,
+        origins: &[[f32; 3]],
+        mut worst: f32,
+    ) -> f32 {
+        for &triangle in &mesh.triangles {
+            let places = mesh.places(triangle);
+            for side in 0..3 {
+                let (a, b) = (places[side], places[(side + 1) % 3]);
+                // Once for the two triangles of an edge.
+                if a > b {
+                    continue;
+                }
+                let ends = [state.find(a as u16), state.find(b as u16)];
+                if ends[0] == ends[1] || !ends.iter().any(|&end| self.loose[end as usize]) {
+                    continue;
+                }
+                let at = middle(origins[a], origins[b]);
+                if let Some((squared, _)) = self.nearest(state, mesh, at, ends[0], worst) {
+                    worst = worst.max(squared);
+                }
+            }
+        }
+        worst
+    }
+
+    /// Largest squared distance of samples of the loose triangles to the group as it was; what is less than a share of
+    /// `worst` is not looked at further.
+    fn new_triangles<const K: usize>(
+        &mut self,
+        state: &Collapser<K>,
+        mesh: &GroupMesh,
+        origins: &[[f32; 3]],
+        worst: f32,
+    ) -> f32 {
+        self.index(mesh);
+        let mut step = 0.0f32;
+        for triangle in 0..state.corners.len() {
+            let places = mesh.places(state.corners[triangle]);
+            if !state.alive[triangle] || !places.iter().any(|&place| self.loose[place]) {
+                continue;
+            }
+            let [a, b, c] = places.map(|place| mesh.positions[place]);
+            let center = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
+            let enough = (ENOUGH * worst).max(step);
+            step = step.max(self.to_old(mesh, origins, center, places[0], enough));
+            for side in 0..3 {
+                let (from, to) = (places[side], places[(side + 1) % 3]);
+                if from < to {
+                    let at = middle(mesh.positions[from], mesh.positions[to]);
+                    let enough = (ENOUGH * worst).max(step);
+                    step = step.max(self.to_old(mesh, origins, at, from, enough));
+                }
+            }
+        }
+        step
+    }
+
+    fn index(&mut self, mesh: &GroupMesh) {
+        self.head.clear();
+        self.head.resize(mesh.positions.len(), NONE);
+        self.next.clear();
+        self.next.resize(3 * mesh.triangles.len(), NONE);
+        for (triangle, &vertices) in mesh.triangles.iter().enumerate() {
+            for (k, place) in mesh.places(vertices).into_iter().enumerate() {
+                self.next[3 * triangle + k] = self.head[place];
+                self.head[place] = (3 * triangle + k) as u16;
+            }
+        }
+    }
+
+    /// As [`Court::nearest`], to the triangles that the group had.
+    fn to_old(
+        &mut self,
+        mesh: &GroupMesh,
+        origins: &[[f32; 3]],
+        at: [f32; 3],
+        place: usize,
+        enough: f32,
+    ) -> f32 {
+        self.now += 1;
+        let mut best = (f32::INFINITY, 0usize);
+        let mut around = vec![place];
+        loop {
+            let before = best.0;
+            for place in around {
+                let mut corner = self.head[place];
+                while corner != NONE {
+                    let triangle = corner as usize / 3;
+                    corner = self.next[corner as usize];
+                    if self.seen[triangle] == self.now {
+                        continue;
+                    }
+                    self.seen[triangle] = self.now;
+                    let corners = mesh
+                        .places(mesh.triangles[triangle])
+                        .map(|place| origins[place]);
+                    let squared = to_triangle(at, &corners);
+                    if squared < best.0 {
+                        best = (squared, triangle);
+                        if squared <= enough {
+                            return squared;
+                        }
+                    }
+                }
+            }
+            if best.0 >= before {
+                return best.0;
+            }
+            around = mesh.places(mesh.triangles[best.1]).to_vec();
+        }
     }
 
     fn keep(&mut self, triangle: usize, squared: f32, position: [i32; 3]) {
@@ -261,6 +411,10 @@ fn to_open_edge<const K: usize>(
         }
     }
     if best.is_finite() { best } else { 0.0 }
+}
+
+fn middle(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis]))
 }
 
 /// Squared distance from a point to a triangle (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5).
