@@ -91,7 +91,7 @@ impl Asset {
             finite && ordered,
             "asset bounds",
             "finite, min below max",
-            format!("{:?}", self.aabb),
+            format_args!("{:?}", self.aabb),
         )?;
         let slots = self.material_slots as usize;
         ensure(
@@ -111,7 +111,7 @@ impl Asset {
         ensure(
             (1..=count).contains(&roots),
             "asset root pages",
-            format!("1..={count}"),
+            format_args!("1..={count}"),
             roots,
         )?;
         let mut offset = 0u64;
@@ -141,8 +141,8 @@ impl Asset {
             ensure(
                 ascending && earlier,
                 &at("dependencies"),
-                format!("ascending, below {page}"),
-                format!("{:?}", entry.dependencies),
+                format_args!("ascending, below {page}"),
+                format_args!("{:?}", entry.dependencies),
             )?;
             offset += entry.bytes as u64;
         }

@@ -115,7 +115,7 @@ impl Cluster {
         ensure(
             largest < vertices,
             "cluster triangle index",
-            format!("below {vertices}"),
+            format_args!("below {vertices}"),
             largest,
         )?;
         let ranged: usize = self
@@ -137,15 +137,14 @@ impl Cluster {
         ensure(empty == 0, "empty material ranges", 0, empty)?;
         ensure(self.level < 64, "cluster level", "below 64", self.level)?;
         let local = MAX_EXTENT_STEPS as i32;
-        for position in &self.positions {
-            let inside = position.iter().all(|&q| (-local..=local).contains(&q));
-            ensure(
-                inside,
+        let inside = |position: &&[i32; 3]| position.iter().all(|q| (-local..=local).contains(q));
+        match self.positions.iter().find(|position| !inside(position)) {
+            None => Ok(()),
+            Some(position) => Err(FormatError::new(
                 "cluster position",
                 "within 2^23 steps of the centre",
                 format!("{position:?}"),
-            )?;
+            )),
         }
-        Ok(())
     }
 }

@@ -27,16 +27,16 @@ impl FormatError {
     }
 }
 
-/// Fails with a [`FormatError`] unless `ok` holds.
+/// Fails with a [`FormatError`] unless `ok` holds. Give `format_args!`, not `format!`: the text is written where it fails only.
 pub(crate) fn ensure(
     ok: bool,
-    at: &str,
+    at: impl std::fmt::Display,
     expected: impl std::fmt::Display,
     found: impl std::fmt::Display,
 ) -> Result<(), FormatError> {
     if ok {
         Ok(())
     } else {
-        Err(FormatError::new(at, expected, found))
+        Err(FormatError::new(at.to_string(), expected, found))
     }
 }

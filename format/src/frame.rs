@@ -70,7 +70,7 @@ pub fn decode(frame: &[u8]) -> Result<Vec<u32>, FormatError> {
         header[1..4] == [0; 3],
         "page frame spare bytes",
         "zeros",
-        format!("{:?}", &header[1..4]),
+        format_args!("{:?}", &header[1..4]),
     )?;
     let words = u32::from_le_bytes([header[4], header[5], header[6], header[7]]) as usize;
     ensure(

@@ -168,7 +168,7 @@ impl Hierarchy {
             header[0] == MAGIC,
             "hierarchy magic",
             "LSH1",
-            format!("{:#010x}", header[0]),
+            format_args!("{:#010x}", header[0]),
         )?;
         let [nodes, groups, parts] = [header[1], header[2], header[3]].map(|count| count as usize);
         ensure(
@@ -205,7 +205,7 @@ impl Hierarchy {
             header[5..] == [0; 3],
             "hierarchy spare words",
             "zeros",
-            format!("{:?}", &header[5..]),
+            format_args!("{:?}", &header[5..]),
         )?;
         Ok(hierarchy)
     }
@@ -239,7 +239,7 @@ impl Hierarchy {
             ensure(
                 last_page <= page_count as u64,
                 &at("pages"),
-                format!("below {page_count}"),
+                format_args!("below {page_count}"),
                 last_page,
             )?;
             ensure(
@@ -291,7 +291,7 @@ impl Hierarchy {
         for (index, node) in self.nodes.iter().enumerate() {
             ensure(
                 node_depth[index] > 0,
-                &format!("node {index}"),
+                format_args!("node {index}"),
                 "a parent with a smaller number",
                 "none",
             )?;
@@ -320,7 +320,7 @@ impl Hierarchy {
                     ordered,
                     &at,
                     "finite ordered bounds",
-                    format!("{:?}", child.aabb()),
+                    format_args!("{:?}", child.aabb()),
                 )?;
                 if child.reference & LEAF_FLAG != 0 {
                     let group = (child.reference & !LEAF_FLAG) as usize;
@@ -341,7 +341,7 @@ impl Hierarchy {
                     ensure(
                         fresh,
                         &at,
-                        format!("a node after {index} not seen before"),
+                        format_args!("a node after {index} not seen before"),
                         below,
                     )?;
                     node_depth[below] = node_depth[index] + 1;
@@ -362,7 +362,7 @@ impl Hierarchy {
             unseen.is_none(),
             "hierarchy groups",
             "each in one leaf",
-            format!("{unseen:?} in none"),
+            format_args!("{unseen:?} in none"),
         )?;
         Ok(node_depth.into_iter().max().unwrap_or(1))
     }
@@ -382,14 +382,14 @@ impl Hierarchy {
             ensure(
                 group.pages().contains(&page),
                 &at,
-                format!("pages {:?}", group.pages()),
+                format_args!("pages {:?}", group.pages()),
                 page,
             )?;
             let part = self.parts[(group.first_part + page - group.first_page) as usize];
             ensure(
                 part.first_cluster == next,
                 &at,
-                format!("first cluster {}", part.first_cluster),
+                format_args!("first cluster {}", part.first_cluster),
                 next,
             )?;
             next += part.cluster_count;
@@ -401,7 +401,7 @@ impl Hierarchy {
             ensure(
                 named,
                 &at,
-                format!("{} clusters of the group", part.cluster_count),
+                format_args!("{} clusters of the group", part.cluster_count),
                 own.len(),
             )?;
         }
@@ -417,7 +417,7 @@ impl Hierarchy {
             ensure(
                 known,
                 "child group",
-                format!("below {}", self.groups.len()),
+                format_args!("below {}", self.groups.len()),
                 child,
             )?;
         }
@@ -429,5 +429,5 @@ fn check_sphere(sphere: &Sphere, at: &str) -> Result<(), FormatError> {
     let ok = sphere.center.iter().all(|value| value.is_finite())
         && sphere.radius >= 0.0
         && sphere.radius.is_finite();
-    ensure(ok, at, "a finite sphere", format!("{sphere:?}"))
+    ensure(ok, at, "a finite sphere", format_args!("{sphere:?}"))
 }

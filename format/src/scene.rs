@@ -153,7 +153,7 @@ impl Scene {
             ensure(
                 (index as usize) < count,
                 &at,
-                format!("below {count}"),
+                format_args!("below {count}"),
                 index,
             )
         };
@@ -179,7 +179,7 @@ impl Scene {
                 .all(|value| value.is_finite());
             ensure(
                 finite,
-                &format!("scene instance {index} transform"),
+                format_args!("scene instance {index} transform"),
                 "finite numbers",
                 "another",
             )?;
@@ -198,7 +198,7 @@ impl Scene {
                 .chain(&material.emissive_factor);
             ensure(
                 numbers.copied().all(f32::is_finite),
-                &format!("scene material {index} factors"),
+                format_args!("scene material {index} factors"),
                 "finite numbers",
                 "another",
             )?;

@@ -112,7 +112,7 @@ impl BlockReader {
             header[..4] == MAGIC,
             "block magic",
             "LSB1",
-            format!("{:?}", &header[..4]),
+            format_args!("{:?}", &header[..4]),
         )?;
         let kind = match u32_at(header, 4) {
             0 => BlockKind::End,
@@ -134,7 +134,7 @@ impl BlockReader {
         ensure(
             length <= MAX_MESSAGE_BYTES as u64,
             "block length",
-            format!("at most {MAX_MESSAGE_BYTES}"),
+            format_args!("at most {MAX_MESSAGE_BYTES}"),
             length,
         )?;
         let mut hash = ContentHash([0; 32]);

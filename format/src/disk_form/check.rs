@@ -25,7 +25,7 @@ impl DiskForm {
             ensure(
                 largest < header.vertex_count(),
                 "triangle index",
-                format!("below {}", header.vertex_count()),
+                format_args!("below {}", header.vertex_count()),
                 largest,
             )
             .map_err(within)?;
@@ -55,7 +55,7 @@ impl DiskForm {
             ensure(
                 ok,
                 "vertex field",
-                format!(
+                format_args!(
                     "{} {most} in field {field}",
                     if exact { "largest" } else { "at most" }
                 ),
@@ -69,7 +69,7 @@ impl DiskForm {
                 ensure(
                     (-most..=most).contains(&min),
                     "texture coordinate",
-                    format!("-{most}..={most}"),
+                    format_args!("-{most}..={most}"),
                     min,
                 )
                 .map_err(within)?;
@@ -132,7 +132,7 @@ impl DiskForm {
         ensure(
             first + second <= total,
             "inline material runs",
-            format!("at most {total}"),
+            format_args!("at most {total}"),
             first + second,
         )?;
         let third = total - first - second;
@@ -205,7 +205,7 @@ pub(super) fn check_header(
             inside,
             "position",
             "within 2^23 steps of the centre",
-            format!("{low}..={high}"),
+            format_args!("{low}..={high}"),
         )?;
     }
     for axis in 3..5 {
@@ -218,7 +218,7 @@ pub(super) fn check_header(
         ensure(
             bits <= most,
             "bits of a texture coordinate",
-            format!("at most {most}"),
+            format_args!("at most {most}"),
             bits,
         )?;
     }
@@ -231,7 +231,7 @@ pub(super) fn check_header(
     ensure(
         widest <= most,
         "bits of a colour",
-        format!("at most {most}"),
+        format_args!("at most {most}"),
         widest,
     )?;
     for (word, used) in [(cluster_word::WIDTHS, 25), (cluster_word::COLOR_WIDTHS, 16)] {

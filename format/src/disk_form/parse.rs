@@ -55,7 +55,7 @@ impl DiskForm {
         )?;
         let size = |word: usize, at: &str, range: std::ops::RangeInclusive<usize>| {
             let value = header[word] as usize;
-            ensure(range.contains(&value), at, format!("{range:?}"), value).map(|()| value)
+            ensure(range.contains(&value), at, format_args!("{range:?}"), value).map(|()| value)
         };
         let cluster_count = size(
             header_word::CLUSTER_COUNT,

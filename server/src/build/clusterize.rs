@@ -199,6 +199,9 @@ impl Clusterizer {
                 Some(run) if run[0] == slot => run[1] += 1,
                 _ => self.materials.push([slot, 1]),
             }
+            if surface.witnesses.is_empty() {
+                continue;
+            }
             let own = surface
                 .witnesses
                 .partition_point(|witness| witness.triangle < triangle);
@@ -217,11 +220,14 @@ impl Clusterizer {
     }
 }
 
-/// Clusters that so many triangles need: fewer triangles a cluster where nearly every corner is a vertex of its own.
+/// Clusters that so many triangles need: fewer triangles a cluster where corners share few vertices.
 fn parts_of(triangles: usize, vertices: usize) -> usize {
     let by_vertices = MAX_CLUSTER_VERTICES * triangles / vertices.max(1);
-    let most = match 2 * vertices > 5 * triangles {
-        true => by_vertices.clamp(MAX_CLUSTER_VERTICES / 3, MAX_CLUSTER_TRIANGLES),
+    // A part has a few more vertices than its share: those on its border.
+    let most = match by_vertices < MAX_CLUSTER_TRIANGLES + 8 {
+        true => {
+            (by_vertices - by_vertices / 32).clamp(MAX_CLUSTER_VERTICES / 3, MAX_CLUSTER_TRIANGLES)
+        }
         false => MAX_CLUSTER_TRIANGLES,
     };
     triangles.div_ceil(most)

@@ -322,56 +322,25 @@ impl<const K: usize> Collapser<K> {
 
     /// Queues every live edge at what it costs at least; the first time, open edges and seams also get their planes.
     fn enqueue(&mut self, mesh: &GroupMesh, first: bool) {
+        if first {
+            self.add_planes(mesh);
+        }
         self.candidates.clear();
-        let mut around = std::mem::take(&mut self.around);
-        let mut slots = std::mem::take(&mut self.slots);
-        slots.resize(mesh.positions.len().max(slots.len()), 0);
-        for place in 0..mesh.positions.len() as u16 {
-            if self.moved_to[place as usize] != place {
+        for (triangle, vertices) in self.corners.iter().enumerate() {
+            if !self.alive[triangle] {
                 continue;
             }
-            around.clear();
-            self.now += 1;
-            let mut corner = self.head[place as usize];
-            while corner != NONE {
-                let (triangle, k) = (corner as usize / 3, corner as usize % 3);
-                if self.alive[triangle] {
-                    let vertices = self.triangle(triangle);
-                    for (side, along) in [((k + 1) % 3, true), ((k + 2) % 3, false)] {
-                        let neighbour = self.place(vertices[side]);
-                        let slot = &mut slots[neighbour as usize];
-                        if self.stamp[neighbour as usize] != self.now {
-                            self.stamp[neighbour as usize] = self.now;
-                            *slot = around.len() as u16;
-                            around.push(Around {
-                                neighbour,
-                                along: [NONE; 2],
-                                against: [NONE; 2],
-                                triangle: triangle as u16,
-                            });
-                        }
-                        let own = &mut around[*slot as usize];
-                        let pair = [vertices[k], vertices[side]];
-                        if along {
-                            own.along = pair;
-                        } else {
-                            own.against = pair;
-                        }
-                    }
-                }
-                corner = self.next[corner as usize];
-            }
-            for edge in &around {
-                if edge.neighbour < place {
+            let places = vertices.map(|vertex| self.place_of[vertex as usize]);
+            for side in 0..3 {
+                let (a, b) = (places[side], places[(side + 1) % 3]);
+                let fixed = [a, b].map(|place| mesh.rules[place as usize] != FREE);
+                // Once for the two triangles of an edge; one that may be open may have no other triangle.
+                if a > b && fixed != [true; 2] {
                     continue;
                 }
-                if first {
-                    self.add_edge_planes(mesh, place, edge);
-                }
-                let ends = [place, edge.neighbour];
-                if may_move(mesh, ends[0], ends[1]) || may_move(mesh, ends[1], ends[0]) {
+                if may_move(mesh, a, b) || may_move(mesh, b, a) {
                     self.candidates.push(Candidate {
-                        ends,
+                        ends: [a, b],
                         age: BOUND,
                         backwards: false,
                         last_chance: false,
@@ -379,8 +348,6 @@ impl<const K: usize> Collapser<K> {
                 }
             }
         }
-        self.around = around;
-        self.slots = slots;
         self.queue.clear(self.candidates.len());
         for (number, candidate) in (0..).zip(&self.candidates) {
             let [a, b] = candidate.ends;
@@ -390,6 +357,58 @@ impl<const K: usize> Collapser<K> {
             };
             self.queue.push(number, bound(a, b).min(bound(b, a)));
         }
+    }
+
+    /// Adds the planes of all open edges and seams. Each has an end on an open edge or of several vertices.
+    fn add_planes(&mut self, mesh: &GroupMesh) {
+        let looked_at = |state: &Self, place: u16| {
+            let vertex = state.first_vertex(mesh, place);
+            state.ring[vertex as usize] != vertex || mesh.rules[place as usize] == OPEN
+        };
+        let mut around = std::mem::take(&mut self.around);
+        let mut slots = std::mem::take(&mut self.slots);
+        slots.resize(mesh.positions.len().max(slots.len()), 0);
+        for place in 0..mesh.positions.len() as u16 {
+            if !looked_at(self, place) {
+                continue;
+            }
+            around.clear();
+            self.now += 1;
+            let mut corner = self.head[place as usize];
+            while corner != NONE {
+                let (triangle, k) = (corner as usize / 3, corner as usize % 3);
+                let vertices = self.corners[triangle];
+                for (side, along) in [((k + 1) % 3, true), ((k + 2) % 3, false)] {
+                    let neighbour = self.place(vertices[side]);
+                    let slot = &mut slots[neighbour as usize];
+                    if self.stamp[neighbour as usize] != self.now {
+                        self.stamp[neighbour as usize] = self.now;
+                        *slot = around.len() as u16;
+                        around.push(Around {
+                            neighbour,
+                            along: [NONE; 2],
+                            against: [NONE; 2],
+                            triangle: triangle as u16,
+                        });
+                    }
+                    let own = &mut around[*slot as usize];
+                    let pair = [vertices[k], vertices[side]];
+                    if along {
+                        own.along = pair;
+                    } else {
+                        own.against = pair;
+                    }
+                }
+                corner = self.next[corner as usize];
+            }
+            for edge in &around {
+                if edge.neighbour > place || !looked_at(self, edge.neighbour) {
+                    self.add_edge_planes(mesh, place, edge);
+                }
+            }
+        }
+        self.around = around;
+        self.slots = slots;
     }
 
     /// Planes that hold an open edge or a seam in place, upright on its triangle.
@@ -438,6 +457,7 @@ impl<const K: usize> Collapser<K> {
     }
 
     /// What it costs at least to move `from` onto `to`: the attributes come on top.
+    #[inline]
     fn distance_cost(&self, mesh: &GroupMesh, from: u16, to: u16) -> f32 {
         let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
         let quadric = &self.quadrics[from as usize];

@@ -26,7 +26,7 @@ const WORTH_A_SWEEP: f64 = 0.98;
 /// A result with at most this share of the triangles left needs no freer attempt.
 const GOOD_ENOUGH: f64 = 0.6;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
-const MARGIN: f64 = 1.2;
+const MARGIN: f64 = 1.25;
 /// Share of the group's size that rounding in f32 may hide.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 /// Triangles of a full cluster.

@@ -19,9 +19,9 @@ use super::quadric::{cross, dot, sub};
 /// A witness nearer than this share of the farthest one is not handed on.
 const HANDED_ON: f32 = 0.3;
 /// A witness whose squared distance is less than this share of the largest so far is not looked at further.
-const ENOUGH: f32 = 0.25;
+const ENOUGH: f32 = 0.4;
 /// Places whose mean squared distance to their planes is more than this share of the largest squared distance are loose.
-const LOOSE: f32 = 0.08;
+const LOOSE: f32 = 0.15;
 
 /// What the witnesses of a group say.
 #[derive(Debug, Default)]
@@ -45,6 +45,11 @@ pub(super) struct Court {
     head: Vec<u16>,
     next: Vec<u16>,
     loose: Vec<bool>,
+    /// Where each place went.
+    went: Vec<u16>,
+    /// Corners of what is left, and of the group as it was.
+    left: Vec<[[f32; 3]; 3]>,
+    old: Vec<[[f32; 3]; 3]>,
 }
 
 const NONE: u16 = u16::MAX;
@@ -62,10 +67,23 @@ impl Court {
         self.seen.clear();
         self.seen.resize(mesh.triangles.len(), 0);
         self.now = 0;
+        self.went.clear();
+        self.went
+            .extend((0..origins.len()).map(|place| state.find(place as u16)));
+        self.left.clear();
+        self.old.clear();
+        for (triangle, &vertices) in state.corners.iter().enumerate() {
+            if state.alive[triangle] {
+                let places = mesh.places(vertices);
+                self.left.push(places.map(|place| mesh.positions[place]));
+            }
+            let places = mesh.places(mesh.triangles[triangle]);
+            self.old.push(places.map(|place| origins[place]));
+        }
         let mut worst = 0.0f32;
         let mut lost: Vec<[f32; 3]> = Vec::new();
-        for place in 0..origins.len() {
-            let went_to = state.find(place as u16);
+        for place in loosest_first(state, &self.went) {
+            let went_to = self.went[place];
             let stayed = went_to as usize == place;
             let at = origins[place];
             if stayed {
@@ -78,7 +96,11 @@ impl Court {
             match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
                 Some((squared, triangle)) => {
                     let mut squared = squared;
-                    if !stayed && mesh.rules[place] == OPEN {
+                    let open = !stayed && mesh.rules[place] == OPEN;
+                    if squared > worst {
+                        squared = sure(&self.left, at, squared, worst);
+                    }
+                    if open {
                         squared = squared.max(to_open_edge(state, mesh, at, went_to));
                     }
                     worst = worst.max(squared);
@@ -97,9 +119,12 @@ impl Court {
                 };
                 away(a).total_cmp(&away(b))
             });
-            let went_to = state.find(near.unwrap_or(0) as u16);
+            let went_to = self.went[near.unwrap_or(0)];
             match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
-                Some((squared, triangle)) => {
+                Some((mut squared, triangle)) => {
+                    if squared > worst {
+                        squared = sure(&self.left, at, squared, worst);
+                    }
                     worst = worst.max(squared);
                     self.keep(triangle, squared, witness.position);
                 }
@@ -166,13 +191,15 @@ impl Court {
                 if a > b {
                     continue;
                 }
-                let ends = [state.find(a as u16), state.find(b as u16)];
+                let ends = [self.went[a], self.went[b]];
                 if ends[0] == ends[1] || !ends.iter().any(|&end| self.loose[end as usize]) {
                     continue;
                 }
                 let at = middle(origins[a], origins[b]);
-                if let Some((squared, _)) = self.nearest(state, mesh, at, ends[0], worst) {
-                    worst = worst.max(squared);
+                if let Some((squared, _)) = self.nearest(state, mesh, at, ends[0], worst)
+                    && squared > worst
+                {
+                    worst = sure(&self.left, at, squared, worst).max(worst);
                 }
             }
         }
@@ -235,10 +262,10 @@ impl Court {
     ) -> f32 {
         self.now += 1;
         let mut best = (f32::INFINITY, 0usize);
-        let mut around = vec![place];
+        let (mut around, mut count) = ([place; 3], 1);
         loop {
             let before = best.0;
-            for place in around {
+            for &place in &around[..count] {
                 let mut corner = self.head[place];
                 while corner != NONE {
                     let triangle = corner as usize / 3;
@@ -250,7 +277,7 @@ impl Court {
                     let corners = mesh
                         .places(mesh.triangles[triangle])
                         .map(|place| origins[place]);
-                    let squared = to_triangle(at, &corners);
+                    let squared = to_triangle(at, &corners, best.0);
                     if squared < best.0 {
                         best = (squared, triangle);
                         if squared <= enough {
@@ -260,9 +287,9 @@ impl Court {
                 }
             }
             if best.0 >= before {
-                return best.0;
+                return sure(&self.old, at, best.0, enough);
             }
-            around = mesh.places(mesh.triangles[best.1]).to_vec();
+            (around, count) = (mesh.places(mesh.triangles[best.1]), 3);
         }
     }
 
@@ -318,8 +345,9 @@ impl Court {
             let corners = mesh
                 .places(state.corners[triangle])
                 .map(|place| mesh.positions[place]);
-            let squared = to_triangle(at, &corners);
-            if best.is_none_or(|(least, _)| squared < least) {
+            let least = best.map_or(f32::INFINITY, |(least, _)| least);
+            let squared = to_triangle(at, &corners, least);
+            if squared < least || best.is_none() {
                 *best = Some((squared, triangle));
                 if squared <= enough {
                     return;
@@ -413,20 +441,55 @@ fn to_open_edge<const K: usize>(
     if best.is_finite() { best } else { 0.0 }
 }
 
+/// Places in their order, but those first that went where the quadrics say that the surface lies loosest: they set the scale
+/// early.
+fn loosest_first<const K: usize>(state: &Collapser<K>, went: &[u16]) -> Vec<usize> {
+    let mean = |place: usize| {
+        let quadric = &state.quadrics[place];
+        match went[place] as usize == place && quadric.weight > 0.0 {
+            true => quadric.c / quadric.weight,
+            false => 0.0,
+        }
+    };
+    let loosest = (0..went.len()).max_by(|&a, &b| mean(a).total_cmp(&mean(b)));
+    let first = loosest.map_or(0, |place| place as u16);
+    let (mut order, late): (Vec<usize>, Vec<usize>) =
+        (0..went.len()).partition(|&place| went[place] == first);
+    order.extend(late);
+    order
+}
+
+/// The squared distance to all triangles where a walk found `squared`: a walk may end in a hollow. Any value not above `enough`
+/// stands for every other one.
+fn sure(triangles: &[[[f32; 3]; 3]], at: [f32; 3], squared: f32, enough: f32) -> f32 {
+    let mut least = squared;
+    for corners in triangles {
+        least = least.min(to_triangle(at, corners, least));
+        if least <= enough {
+            break;
+        }
+    }
+    least
+}
+
 fn middle(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis]))
 }
 
-/// Squared distance from a point to a triangle (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5).
-fn to_triangle(point: [f32; 3], &[a, b, c]: &[[f32; 3]; 3]) -> f32 {
+/// Squared distance from a point to a triangle (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5), or that to its plane
+/// where already that is not below `least`.
+fn to_triangle(point: [f32; 3], &[a, b, c]: &[[f32; 3]; 3], least: f32) -> f32 {
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(point, a));
     let normal = cross(ab, ac);
     let square = dot(normal, normal);
     if square > 0.0 {
+        let height = dot(ap, normal);
+        if height * height >= least * square {
+            return height * height / square;
+        }
         let v = dot(cross(ap, ac), normal);
         let w = dot(cross(ab, ap), normal);
         if v >= 0.0 && w >= 0.0 && v + w <= square {
-            let height = dot(ap, normal);
             return height * height / square;
         }
     }
