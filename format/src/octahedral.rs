@@ -18,18 +18,20 @@ pub fn encode(normal: [f32; 3]) -> [u16; 2] {
         (u, v) = ((1.0 - v.abs()) * sign(u), (1.0 - u.abs()) * sign(v));
     }
     let scaled = [u, v].map(|value| (value * 0.5 + 0.5) * LARGEST as f64);
-    let length = (x * x + y * y + z * z).sqrt();
     let mut best = ([0; 2], f64::MIN);
     for corner in 0..4 {
-        let pick = |value: f64, up: bool| if up { value.ceil() } else { value.floor() };
+        let pick = |value: f64, up: bool| (value as u16 + u16::from(up)).min(LARGEST as u16);
         let pair = [
-            pick(scaled[0], corner & 1 != 0) as u16,
-            pick(scaled[1], corner & 2 != 0) as u16,
+            pick(scaled[0], corner & 1 != 0),
+            pick(scaled[1], corner & 2 != 0),
         ];
-        let decoded = decode(pair).map(f64::from);
-        let cosine = (decoded[0] * x + decoded[1] * y + decoded[2] * z) / length;
-        if cosine > best.1 {
-            best = (pair, cosine);
+        let decoded = unfold(pair).map(f64::from);
+        let along = decoded[0] * x + decoded[1] * y + decoded[2] * z;
+        let square: f64 = decoded.iter().map(|value| value * value).sum();
+        // The square of the cosine, with its sign, times what is the same for all.
+        let nearness = along * along.abs() / square;
+        if nearness > best.1 {
+            best = (pair, nearness);
         }
     }
     best.0
@@ -37,12 +39,17 @@ pub fn encode(normal: [f32; 3]) -> [u16; 2] {
 
 /// Decodes to a unit vector. The WGSL does the same in f32.
 pub fn decode(pair: [u16; 2]) -> [f32; 3] {
+    let [x, y, z] = unfold(pair);
+    let length = (x * x + y * y + z * z).sqrt();
+    [x / length, y / length, z / length]
+}
+
+/// The point on the octahedron.
+fn unfold(pair: [u16; 2]) -> [f32; 3] {
     let [u, v] = pair.map(|value| value as f32 / LARGEST * 2.0 - 1.0);
     let z = 1.0 - u.abs() - v.abs();
     let fold = (-z).max(0.0);
-    let (x, y) = (u - fold * sign32(u), v - fold * sign32(v));
-    let length = (x * x + y * y + z * z).sqrt();
-    [x / length, y / length, z / length]
+    [u - fold * sign32(u), v - fold * sign32(v), z]
 }
 
 fn sign(value: f64) -> f64 {

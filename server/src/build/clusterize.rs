@@ -220,14 +220,11 @@ impl Clusterizer {
     }
 }
 
-/// Clusters that so many triangles need: fewer triangles a cluster where corners share few vertices.
+/// Clusters that so many triangles need: fewer triangles a cluster where nearly every corner is a vertex of its own.
 fn parts_of(triangles: usize, vertices: usize) -> usize {
     let by_vertices = MAX_CLUSTER_VERTICES * triangles / vertices.max(1);
-    // A part has a few more vertices than its share: those on its border.
-    let most = match by_vertices < MAX_CLUSTER_TRIANGLES + 8 {
-        true => {
-            (by_vertices - by_vertices / 32).clamp(MAX_CLUSTER_VERTICES / 3, MAX_CLUSTER_TRIANGLES)
-        }
+    let most = match 2 * vertices > 5 * triangles {
+        true => by_vertices.clamp(MAX_CLUSTER_VERTICES / 3, MAX_CLUSTER_TRIANGLES),
         false => MAX_CLUSTER_TRIANGLES,
     };
     triangles.div_ceil(most)

@@ -82,6 +82,8 @@ pub(super) struct Collapser<const K: usize> {
     pub attribute_error_squared: f32,
     /// Whether a place on an open edge has moved.
     pub open_moved: bool,
+    /// Whether a border between materials has moved other than along itself.
+    pub material_crossed: bool,
     /// Place of each vertex.
     place_of: Vec<u16>,
     candidates: Vec<Candidate>,
@@ -104,8 +106,9 @@ struct Around {
     triangle: u16,
 }
 
-/// Pairs of vertices, one to go and one to take its corners.
-type Pairs = ([[u16; 2]; MOST_WEDGES], usize);
+/// Pairs of vertices, one to go and one to take its corners; how many there are, and how many of them, the first, share a
+/// triangle.
+type Pairs = ([[u16; 2]; MOST_WEDGES], usize, usize);
 
 impl<const K: usize> Default for Collapser<K> {
     fn default() -> Self {
@@ -125,6 +128,7 @@ impl<const K: usize> Default for Collapser<K> {
             attribute_quadrics: Vec::new(),
             attribute_error_squared: 0.0,
             open_moved: false,
+            material_crossed: false,
             place_of: Vec::new(),
             candidates: Vec::new(),
             queue: Queue::default(),
@@ -174,7 +178,8 @@ impl<const K: usize> Collapser<K> {
             &mut self.attributes,
             (0..attributes).map(|vertex| mesh.attributes(grids, weights, uv_base, vertex)),
         );
-        (self.now, self.attribute_error_squared, self.open_moved) = (0, 0.0, false);
+        (self.now, self.attribute_error_squared) = (0, 0.0);
+        (self.open_moved, self.material_crossed) = (false, false);
         self.rings(mesh);
         for corner in (0..3 * triangles).rev() {
             let vertex = mesh.triangles[corner / 3][corner % 3] as usize;
@@ -306,7 +311,10 @@ impl<const K: usize> Collapser<K> {
         let first = bounds[1] < bounds[0];
         let cost = |backwards: bool| {
             let [from, to] = turned(ends, backwards);
-            self.cost(mesh, from, to, freedom)
+            match bounds[usize::from(backwards)] {
+                f32::INFINITY => None,
+                distance => self.with_attributes(mesh, from, to, freedom, distance),
+            }
         };
         let own = cost(first);
         let other_bound = bounds[usize::from(!first)];
@@ -471,7 +479,20 @@ impl<const K: usize> Collapser<K> {
         if !may_move(mesh, from, to) {
             return None;
         }
-        let mut cost = self.distance_cost(mesh, from, to);
+        let distance = self.distance_cost(mesh, from, to);
+        self.with_attributes(mesh, from, to, freedom, distance)
+    }
+
+    /// The same where the cost of the distance is known.
+    fn with_attributes(
+        &self,
+        mesh: &GroupMesh,
+        from: u16,
+        to: u16,
+        freedom: Freedom,
+        distance: f32,
+    ) -> Option<f32> {
+        let mut cost = distance;
         let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
         let first = self.first_vertex(mesh, from);
         if self.ring[first as usize] == first {
@@ -486,7 +507,7 @@ impl<const K: usize> Collapser<K> {
             }
             return Some(cost);
         }
-        let (pairs, count) = self.pairs(mesh, from, to, freedom)?;
+        let (pairs, count, _) = self.pairs(mesh, from, to, freedom)?;
         if K > 0 {
             for &[own, target] in &pairs[..count] {
                 cost += self.attribute_cost(offset, own, target);
@@ -602,7 +623,7 @@ impl<const K: usize> Collapser<K> {
             }
             vertex = self.ring[vertex as usize];
             if vertex == first {
-                return Some((pairs, count));
+                return Some((pairs, count, sharing));
             }
         }
     }
@@ -639,8 +660,12 @@ impl<const K: usize> Collapser<K> {
     fn collapse(&mut self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> bool {
         let mut kept = std::mem::take(&mut self.kept);
         let allowed = self.allowed(mesh, from, to, freedom, &mut kept);
-        if let Some((pairs, count)) = &allowed {
-            self.apply(mesh, from, to, &pairs[..*count], &kept);
+        if let Some((pairs, count, sharing)) = &allowed {
+            let slot = |pair: &[u16; 2]| mesh.welder.vertices[pair[0] as usize].1;
+            let pairs = &pairs[..*count];
+            self.material_crossed |=
+                sharing < count && pairs.iter().any(|pair| slot(pair) != slot(&pairs[0]));
+            self.apply(mesh, from, to, pairs, &kept);
         }
         self.kept = kept;
         allowed.is_some()

@@ -225,7 +225,10 @@ fn collapse<const K: usize>(
     let attribute = (state.attribute_error_squared.max(0.0) as f64)
         .sqrt()
         .min(size);
-    let lost_material = lost_material(mesh, &live, size);
+    let lost_material = match state.material_crossed {
+        true => size,
+        false => lost_material(mesh, &live, size),
+    };
     Some(Outcome {
         triangles: live.iter().map(|corners| corners.map(u32::from)).collect(),
         witnesses,
@@ -237,7 +240,7 @@ fn collapse<const K: usize>(
 }
 
 /// The size of the triangles where a material is gone: a stripe on a road lies on the road when it is gone, and yet its
-/// colour is missed, over the stripe.
+/// colour is missed, over the stripe. The same where borders of materials were crossed: squares of a chessboard merged.
 fn lost_material(mesh: &GroupMesh, live: &[[u16; 3]], size: f64) -> f64 {
     let of = |triangles: &[[u16; 3]]| {
         let slot = |corners: &[u16; 3]| mesh.welder.vertices[corners[0] as usize].1;

@@ -17,11 +17,14 @@ use super::group::GroupMesh;
 use super::quadric::{cross, dot, sub};
 
 /// A witness nearer than this share of the farthest one is not handed on.
-const HANDED_ON: f32 = 0.3;
+const HANDED_ON: f32 = 0.4;
 /// A witness whose squared distance is less than this share of the largest so far is not looked at further.
-const ENOUGH: f32 = 0.4;
+const ENOUGH: f32 = 0.5;
+/// A walk may end in a hollow: what it found is held against everything where it raises the largest squared distance by more
+/// than this.
+const SURE: f32 = 1.2;
 /// Places whose mean squared distance to their planes is more than this share of the largest squared distance are loose.
-const LOOSE: f32 = 0.15;
+const LOOSE: f32 = 0.2;
 
 /// What the witnesses of a group say.
 #[derive(Debug, Default)]
@@ -72,13 +75,11 @@ impl Court {
             .extend((0..origins.len()).map(|place| state.find(place as u16)));
         self.left.clear();
         self.old.clear();
-        for (triangle, &vertices) in state.corners.iter().enumerate() {
-            if state.alive[triangle] {
+        for (&vertices, &alive) in state.corners.iter().zip(&state.alive) {
+            if alive {
                 let places = mesh.places(vertices);
                 self.left.push(places.map(|place| mesh.positions[place]));
             }
-            let places = mesh.places(mesh.triangles[triangle]);
-            self.old.push(places.map(|place| origins[place]));
         }
         let mut worst = 0.0f32;
         let mut lost: Vec<[f32; 3]> = Vec::new();
@@ -97,14 +98,16 @@ impl Court {
                 Some((squared, triangle)) => {
                     let mut squared = squared;
                     let open = !stayed && mesh.rules[place] == OPEN;
-                    if squared > worst {
+                    if squared > SURE * worst {
                         squared = sure(&self.left, at, squared, worst);
                     }
                     if open {
                         squared = squared.max(to_open_edge(state, mesh, at, went_to));
                     }
                     worst = worst.max(squared);
-                    self.keep(triangle, squared, mesh.on_grid(at));
+                    if squared > HANDED_ON * HANDED_ON * worst {
+                        self.keep(triangle, squared, mesh.on_grid(at));
+                    }
                 }
                 None => lost.push(at),
             }
@@ -122,11 +125,13 @@ impl Court {
             let went_to = self.went[near.unwrap_or(0)];
             match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
                 Some((mut squared, triangle)) => {
-                    if squared > worst {
+                    if squared > SURE * worst {
                         squared = sure(&self.left, at, squared, worst);
                     }
                     worst = worst.max(squared);
-                    self.keep(triangle, squared, witness.position);
+                    if squared > HANDED_ON * HANDED_ON * worst {
+                        self.keep(triangle, squared, witness.position);
+                    }
                 }
                 None => lost.push(at),
             }
@@ -199,7 +204,10 @@ impl Court {
                 if let Some((squared, _)) = self.nearest(state, mesh, at, ends[0], worst)
                     && squared > worst
                 {
-                    worst = sure(&self.left, at, squared, worst).max(worst);
+                    worst = match squared > SURE * worst {
+                        true => sure(&self.left, at, squared, worst).max(worst),
+                        false => squared,
+                    };
                 }
             }
         }
@@ -216,6 +224,10 @@ impl Court {
         worst: f32,
     ) -> f32 {
         self.index(mesh);
+        for &vertices in &mesh.triangles {
+            let places = mesh.places(vertices);
+            self.old.push(places.map(|place| origins[place]));
+        }
         let mut step = 0.0f32;
         for triangle in 0..state.corners.len() {
             let places = mesh.places(state.corners[triangle]);
@@ -287,7 +299,10 @@ impl Court {
                 }
             }
             if best.0 >= before {
-                return sure(&self.old, at, best.0, enough);
+                return match best.0 > SURE * enough {
+                    true => sure(&self.old, at, best.0, enough),
+                    false => best.0,
+                };
             }
             (around, count) = (mesh.places(mesh.triangles[best.1]), 3);
         }
