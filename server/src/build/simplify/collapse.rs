@@ -5,26 +5,19 @@
 //! neighbour collapsed, and without attributes, is a lower bound: the whole is worked out when its turn comes, not before.
 
 use super::super::borders::{FREE, LOCKED, OPEN};
-use super::super::vertex::Grids;
-use super::group::{GroupMesh, Weights};
+use super::group::GroupMesh;
+use super::pairs::Pairs;
 use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
 use super::queue::Queue;
+use super::setup::Around;
 
-/// Weight of an open edge's plane, against a triangle's as large as the edge's square.
-const OPEN_EDGE_WEIGHT: f32 = 4.0;
-/// The same for an edge where attributes or materials jump.
-const SEAM_WEIGHT: f32 = 1.0;
 /// Share of an edge's length that counts as an error between edges that cost nothing else, so that flat parts keep
 /// triangles of good shape.
 const LENGTH_WEIGHT: f32 = 1e-6;
 /// Square of the cosine between a triangle's normals before and after: beyond 75 degrees it has flipped.
 const FLIP_COSINE_SQUARED: f32 = 0.0625;
-/// Triangles flatter than this share of their longest edge have no gradients.
-const NEEDLE: f32 = 1e-5;
-/// Most vertices of a place that are told apart.
-const MOST_WEDGES: usize = 16;
 
-const NONE: u16 = u16::MAX;
+pub(super) const NONE: u16 = u16::MAX;
 
 /// How freely places may collapse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,21 +30,21 @@ pub(super) enum Freedom {
 
 /// An edge that waits for its turn.
 #[derive(Debug, Clone, Copy)]
-struct Candidate {
-    ends: [u16; 2],
+pub(super) struct Candidate {
+    pub(super) ends: [u16; 2],
     /// Times that something had collapsed onto the ends when the cost was worked out; [`BOUND`] where only a bound is known.
-    age: u32,
+    pub(super) age: u32,
     /// The second end moves onto the first.
-    backwards: bool,
+    pub(super) backwards: bool,
     /// The other way has been refused.
-    last_chance: bool,
+    pub(super) last_chance: bool,
 }
 
-const BOUND: u32 = u32::MAX;
+pub(super) const BOUND: u32 = u32::MAX;
 
 /// A live triangle round a place that stays when the place moves: the corner there, and the places of the other two.
 #[derive(Debug, Clone, Copy)]
-struct Kept {
+pub(super) struct Kept {
     triangle: u16,
     corner: u8,
     others: [u16; 2],
@@ -61,54 +54,40 @@ struct Kept {
 #[derive(Debug)]
 pub(super) struct Collapser<const K: usize> {
     /// Where each place has gone: itself while it is there.
-    pub moved_to: Vec<u16>,
+    pub(super) moved_to: Vec<u16>,
     /// Vertices of each triangle.
-    pub corners: Vec<[u16; 3]>,
-    pub alive: Vec<bool>,
-    pub live: usize,
+    pub(super) corners: Vec<[u16; 3]>,
+    pub(super) alive: Vec<bool>,
+    pub(super) live: usize,
     /// First and last corner at each place, and the next of each; corner = 3 triangle + k.
-    head: Vec<u16>,
-    tail: Vec<u16>,
-    next: Vec<u16>,
-    age: Vec<u32>,
-    pub quadrics: Vec<Quadric>,
+    pub(super) head: Vec<u16>,
+    pub(super) tail: Vec<u16>,
+    pub(super) next: Vec<u16>,
+    pub(super) age: Vec<u32>,
+    pub(super) quadrics: Vec<Quadric>,
     /// Next vertex of the same place, in a ring.
-    pub ring: Vec<u16>,
+    pub(super) ring: Vec<u16>,
     /// Live corners of each vertex.
-    pub uses: Vec<u16>,
-    pub attributes: Vec<[f32; K]>,
-    pub attribute_quadrics: Vec<AttributeQuadric<K>>,
+    pub(super) uses: Vec<u16>,
+    pub(super) attributes: Vec<[f32; K]>,
+    pub(super) attribute_quadrics: Vec<AttributeQuadric<K>>,
     /// Largest mean square of the attributes' error so far.
-    pub attribute_error_squared: f32,
+    pub(super) attribute_error_squared: f32,
     /// Whether a place on an open edge has moved.
-    pub open_moved: bool,
+    pub(super) open_moved: bool,
     /// Whether a border between materials has moved other than along itself.
-    pub material_crossed: bool,
+    pub(super) material_crossed: bool,
     /// Place of each vertex.
-    place_of: Vec<u16>,
-    candidates: Vec<Candidate>,
-    queue: Queue,
-    kept: Vec<Kept>,
-    stamp: Vec<u32>,
-    now: u32,
-    around: Vec<Around>,
+    pub(super) place_of: Vec<u16>,
+    pub(super) candidates: Vec<Candidate>,
+    pub(super) queue: Queue,
+    pub(super) kept: Vec<Kept>,
+    pub(super) stamp: Vec<u32>,
+    pub(super) now: u32,
+    pub(super) around: Vec<Around>,
     /// Number of each neighbour in `around`.
-    slots: Vec<u16>,
+    pub(super) slots: Vec<u16>,
 }
-
-/// What the edge from a place to a neighbour looks like from its two sides.
-#[derive(Debug, Clone, Copy)]
-struct Around {
-    neighbour: u16,
-    /// Vertices here and there of the triangle along the edge, and of the one against it.
-    along: [u16; 2],
-    against: [u16; 2],
-    triangle: u16,
-}
-
-/// Pairs of vertices, one to go and one to take its corners; how many there are, and how many of them, the first, share a
-/// triangle.
-type Pairs = ([[u16; 2]; MOST_WEDGES], usize, usize);
 
 impl<const K: usize> Default for Collapser<K> {
     fn default() -> Self {
@@ -142,116 +121,6 @@ impl<const K: usize> Default for Collapser<K> {
 }
 
 impl<const K: usize> Collapser<K> {
-    /// Sets up the connectivity and the quadrics of a group.
-    pub fn start(&mut self, mesh: &GroupMesh, grids: &Grids, weights: &Weights) {
-        let places = mesh.positions.len();
-        let vertices = mesh.welder.vertices.len();
-        let triangles = mesh.triangles.len();
-        refill(&mut self.moved_to, (0..places).map(|place| place as u16));
-        refill(
-            &mut self.place_of,
-            mesh.welder.place_of.iter().map(|&place| place as u16),
-        );
-        refill(&mut self.corners, mesh.triangles.iter().copied());
-        refill(&mut self.alive, std::iter::repeat_n(true, triangles));
-        self.live = triangles;
-        refill(&mut self.head, std::iter::repeat_n(NONE, places));
-        refill(&mut self.tail, std::iter::repeat_n(NONE, places));
-        refill(&mut self.next, std::iter::repeat_n(NONE, 3 * triangles));
-        refill(&mut self.age, std::iter::repeat_n(0, places));
-        refill(&mut self.stamp, std::iter::repeat_n(0, places));
-        refill(
-            &mut self.quadrics,
-            std::iter::repeat_n(Quadric::default(), places),
-        );
-        refill(&mut self.uses, std::iter::repeat_n(0, vertices));
-        refill(
-            &mut self.attribute_quadrics,
-            std::iter::repeat_n(
-                AttributeQuadric::default(),
-                if K > 0 { vertices } else { 0 },
-            ),
-        );
-        let uv_base = mesh.uv_base();
-        let attributes = if K > 0 { vertices } else { 0 };
-        refill(
-            &mut self.attributes,
-            (0..attributes).map(|vertex| mesh.attributes(grids, weights, uv_base, vertex)),
-        );
-        (self.now, self.attribute_error_squared) = (0, 0.0);
-        (self.open_moved, self.material_crossed) = (false, false);
-        self.rings(mesh);
-        for corner in (0..3 * triangles).rev() {
-            let vertex = mesh.triangles[corner / 3][corner % 3] as usize;
-            let place = mesh.welder.place_of[vertex] as usize;
-            self.uses[vertex] += 1;
-            self.next[corner] = self.head[place];
-            self.head[place] = corner as u16;
-            if self.tail[place] == NONE {
-                self.tail[place] = corner as u16;
-            }
-        }
-        for triangle in &mesh.triangles {
-            self.add_triangle(mesh, *triangle);
-        }
-    }
-
-    fn rings(&mut self, mesh: &GroupMesh) {
-        refill(
-            &mut self.ring,
-            (0..mesh.welder.vertices.len()).map(|vertex| vertex as u16),
-        );
-        for place in 0..mesh.positions.len() as u32 {
-            let mut all = mesh.welder.vertices_at(place);
-            let Some(first) = all.next() else { continue };
-            let mut last = first;
-            for vertex in all {
-                self.ring[last as usize] = vertex as u16;
-                last = vertex;
-            }
-            self.ring[last as usize] = first as u16;
-        }
-    }
-
-    fn add_triangle(&mut self, mesh: &GroupMesh, triangle: [u16; 3]) {
-        let places = mesh.places(triangle);
-        let [a, b, c] = places.map(|place| mesh.positions[place]);
-        let (ab, ac) = (sub(b, a), sub(c, a));
-        let across = cross(ab, ac);
-        let square = dot(across, across);
-        if square <= 0.0 {
-            return;
-        }
-        let length = square.sqrt();
-        let area = 0.5 * length;
-        let plane = Quadric::plane(across.map(|value| value / length), area);
-        for place in places {
-            // Linear and constant terms are 0: the plane runs through the corner.
-            let quadric = &mut self.quadrics[place];
-            (0..6).for_each(|i| quadric.a[i] += plane.a[i]);
-            quadric.weight += area;
-        }
-        if K == 0 {
-            return;
-        }
-        let longest = dot(ab, ab).max(dot(ac, ac));
-        if length < NEEDLE * longest {
-            return;
-        }
-        let duals = [cross(ac, across), cross(across, ab)].map(|v| v.map(|value| value / square));
-        let [own, to_b, to_c] = triangle.map(|vertex| &self.attributes[vertex as usize]);
-        let steps = [to_b, to_c].map(|to| std::array::from_fn(|k| to[k] - own[k]));
-        let quadric = AttributeQuadric::<K>::triangle(duals, steps, area);
-        for vertex in triangle {
-            let sum = &mut self.attribute_quadrics[vertex as usize];
-            (0..6).for_each(|i| sum.base.a[i] += quadric.base.a[i]);
-            sum.base.weight += area;
-            for axis in 0..3 {
-                (0..K).for_each(|k| sum.gradient[axis][k] += quadric.gradient[axis][k]);
-            }
-        }
-    }
-
     /// Collapses until at most `target` triangles are left or nothing more is allowed.
     pub fn run(&mut self, mesh: &GroupMesh, target: usize, freedom: Freedom, first: bool) {
         self.enqueue(mesh, first);
@@ -328,127 +197,6 @@ impl<const K: usize> Collapser<K> {
         }
     }
 
-    /// Queues every live edge at what it costs at least; the first time, open edges and seams also get their planes.
-    fn enqueue(&mut self, mesh: &GroupMesh, first: bool) {
-        if first {
-            self.add_planes(mesh);
-        }
-        self.candidates.clear();
-        for (triangle, vertices) in self.corners.iter().enumerate() {
-            if !self.alive[triangle] {
-                continue;
-            }
-            let places = vertices.map(|vertex| self.place_of[vertex as usize]);
-            for side in 0..3 {
-                let (a, b) = (places[side], places[(side + 1) % 3]);
-                let fixed = [a, b].map(|place| mesh.rules[place as usize] != FREE);
-                // Once for the two triangles of an edge; one that may be open may have no other triangle.
-                if a > b && fixed != [true; 2] {
-                    continue;
-                }
-                if may_move(mesh, a, b) || may_move(mesh, b, a) {
-                    self.candidates.push(Candidate {
-                        ends: [a, b],
-                        age: BOUND,
-                        backwards: false,
-                        last_chance: false,
-                    });
-                }
-            }
-        }
-        self.queue.clear(self.candidates.len());
-        for (number, candidate) in (0..).zip(&self.candidates) {
-            let [a, b] = candidate.ends;
-            let bound = |from, to| match may_move(mesh, from, to) {
-                true => self.distance_cost(mesh, from, to),
-                false => f32::INFINITY,
-            };
-            self.queue.push(number, bound(a, b).min(bound(b, a)));
-        }
-    }
-
-    /// Adds the planes of all open edges and seams. Each has an end on an open edge or of several vertices.
-    fn add_planes(&mut self, mesh: &GroupMesh) {
-        let looked_at = |state: &Self, place: u16| {
-            let vertex = state.first_vertex(mesh, place);
-            state.ring[vertex as usize] != vertex || mesh.rules[place as usize] == OPEN
-        };
-        let mut around = std::mem::take(&mut self.around);
-        let mut slots = std::mem::take(&mut self.slots);
-        slots.resize(mesh.positions.len().max(slots.len()), 0);
-        for place in 0..mesh.positions.len() as u16 {
-            if !looked_at(self, place) {
-                continue;
-            }
-            around.clear();
-            self.now += 1;
-            let mut corner = self.head[place as usize];
-            while corner != NONE {
-                let (triangle, k) = (corner as usize / 3, corner as usize % 3);
-                let vertices = self.corners[triangle];
-                for (side, along) in [((k + 1) % 3, true), ((k + 2) % 3, false)] {
-                    let neighbour = self.place(vertices[side]);
-                    let slot = &mut slots[neighbour as usize];
-                    if self.stamp[neighbour as usize] != self.now {
-                        self.stamp[neighbour as usize] = self.now;
-                        *slot = around.len() as u16;
-                        around.push(Around {
-                            neighbour,
-                            along: [NONE; 2],
-                            against: [NONE; 2],
-                            triangle: triangle as u16,
-                        });
-                    }
-                    let own = &mut around[*slot as usize];
-                    let pair = [vertices[k], vertices[side]];
-                    if along {
-                        own.along = pair;
-                    } else {
-                        own.against = pair;
-                    }
-                }
-                corner = self.next[corner as usize];
-            }
-            for edge in &around {
-                if edge.neighbour > place || !looked_at(self, edge.neighbour) {
-                    self.add_edge_planes(mesh, place, edge);
-                }
-            }
-        }
-        self.around = around;
-        self.slots = slots;
-    }
-
-    /// Planes that hold an open edge or a seam in place, upright on its triangle.
-    fn add_edge_planes(&mut self, mesh: &GroupMesh, place: u16, edge: &Around) {
-        let open = edge.along[0] == NONE || edge.against[0] == NONE;
-        let differs = |end: usize| seam(mesh, edge.along[end], edge.against[end]);
-        if !open && !differs(0) && !differs(1) {
-            return;
-        }
-        let [a, b] = [place, edge.neighbour].map(|place| place as usize);
-        if mesh.rules[a] == LOCKED && mesh.rules[b] == LOCKED {
-            return;
-        }
-        let [p, q, r] = mesh
-            .places(self.triangle(edge.triangle as usize))
-            .map(|place| mesh.positions[place]);
-        let normal = cross(sub(q, p), sub(r, p));
-        let side = sub(mesh.positions[b], mesh.positions[a]);
-        let upright = cross(side, normal);
-        let square = dot(upright, upright);
-        if square <= 0.0 {
-            return;
-        }
-        let unit = upright.map(|value| value / square.sqrt());
-        let weight = if open { OPEN_EDGE_WEIGHT } else { SEAM_WEIGHT };
-        let plane = Quadric::plane(unit, weight * dot(side, side));
-        for place in [a, b] {
-            let quadric = &mut self.quadrics[place];
-            (0..6).for_each(|i| quadric.a[i] += plane.a[i]);
-        }
-    }
-
     pub fn find(&self, mut place: u16) -> u16 {
         loop {
             let next = self.moved_to[place as usize];
@@ -466,7 +214,7 @@ impl<const K: usize> Collapser<K> {
 
     /// What it costs at least to move `from` onto `to`: the attributes come on top.
     #[inline]
-    fn distance_cost(&self, mesh: &GroupMesh, from: u16, to: u16) -> f32 {
+    pub(super) fn distance_cost(&self, mesh: &GroupMesh, from: u16, to: u16) -> f32 {
         let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
         let quadric = &self.quadrics[from as usize];
         quadric.at(offset)
@@ -522,7 +270,7 @@ impl<const K: usize> Collapser<K> {
         quadric.at(offset, &change) + self.attribute_quadrics[target as usize].base.c
     }
 
-    fn change(&self, own: u16, target: u16) -> [f32; K] {
+    pub(super) fn change(&self, own: u16, target: u16) -> [f32; K] {
         let (from, to) = (
             &self.attributes[own as usize],
             &self.attributes[target as usize],
@@ -530,7 +278,7 @@ impl<const K: usize> Collapser<K> {
         std::array::from_fn(|k| to[k] - from[k])
     }
 
-    fn first_vertex(&self, mesh: &GroupMesh, place: u16) -> u16 {
+    pub(super) fn first_vertex(&self, mesh: &GroupMesh, place: u16) -> u16 {
         mesh.welder.first_vertex(place as u32) as u16
     }
 
@@ -538,18 +286,8 @@ impl<const K: usize> Collapser<K> {
         self.corners[triangle]
     }
 
-    fn place(&self, vertex: u16) -> u16 {
+    pub(super) fn place(&self, vertex: u16) -> u16 {
         self.place_of[vertex as usize]
-    }
-
-    /// The vertex of `to` in some triangle that it shares with `from`.
-    fn partner(&self, from: u16, to: u16) -> Option<u16> {
-        self.star(from).find_map(|(triangle, _)| {
-            let vertices = self.triangle(triangle);
-            vertices
-                .into_iter()
-                .find(|&vertex| self.place(vertex) == to)
-        })
     }
 
     /// Live triangles round a place, with the corner that lies there.
@@ -565,95 +303,6 @@ impl<const K: usize> Collapser<K> {
             }
             None
         })
-    }
-
-    /// For every vertex of `from` the one of `to` that takes its corners: of the triangle that both share, else the nearest
-    /// one in attributes on the same side of all seams, else, where seams are released, of the same material.
-    fn pairs(&self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> Option<Pairs> {
-        let mut pairs = [[NONE; 2]; MOST_WEDGES];
-        let mut count = 0;
-        for (triangle, k) in self.star(from) {
-            let vertices = self.corners[triangle];
-            let shared = (1..3)
-                .map(|step| vertices[(k + step) % 3])
-                .find(|&vertex| self.place(vertex) == to);
-            let Some(target) = shared else { continue };
-            let own = vertices[k];
-            match pairs[..count].iter().find(|pair| pair[0] == own) {
-                // The same vertex here, two there: a seam begins at this place.
-                Some(pair) => {
-                    if freedom == Freedom::Kept && seam(mesh, pair[1], target) {
-                        return None;
-                    }
-                }
-                None if count == MOST_WEDGES => return None,
-                None => {
-                    pairs[count] = [own, target];
-                    count += 1;
-                }
-            }
-        }
-        if count == 0 {
-            return None;
-        }
-        let sharing = count;
-        let first = self.first_vertex(mesh, from);
-        let mut vertex = first;
-        loop {
-            let used = self.uses[vertex as usize] > 0;
-            if used && !pairs[..count].iter().any(|pair| pair[0] == vertex) {
-                if count == MOST_WEDGES {
-                    return None;
-                }
-                let beside = pairs[..sharing]
-                    .iter()
-                    .find(|pair| !seam(mesh, pair[0], vertex));
-                let target = match beside {
-                    Some(pair) => {
-                        self.nearest_vertex(mesh, vertex, to, |other| !seam(mesh, other, pair[1]))
-                    }
-                    None if freedom == Freedom::Kept => None,
-                    None => {
-                        let slot = |vertex: u16| mesh.welder.vertices[vertex as usize].1;
-                        self.nearest_vertex(mesh, vertex, to, |other| slot(other) == slot(vertex))
-                    }
-                };
-                pairs[count] = [vertex, target?];
-                count += 1;
-            }
-            vertex = self.ring[vertex as usize];
-            if vertex == first {
-                return Some((pairs, count, sharing));
-            }
-        }
-    }
-
-    /// The vertex of `to`, of those that are `fit`, whose attributes are nearest.
-    fn nearest_vertex(
-        &self,
-        mesh: &GroupMesh,
-        own: u16,
-        to: u16,
-        fit: impl Fn(u16) -> bool,
-    ) -> Option<u16> {
-        let first = self.first_vertex(mesh, to);
-        let mut best = None;
-        let mut vertex = first;
-        loop {
-            if fit(vertex) {
-                let away: f32 = match K {
-                    0 => 0.0,
-                    _ => self.change(own, vertex).iter().map(|x| x * x).sum(),
-                };
-                if best.is_none_or(|(least, _)| away < least) {
-                    best = Some((away, vertex));
-                }
-            }
-            vertex = self.ring[vertex as usize];
-            if vertex == first {
-                return best.map(|(_, vertex)| vertex);
-            }
-        }
     }
 
     /// Moves all of `from` onto `to`, unless that would flip a triangle, or pinch the surface.
@@ -811,13 +460,6 @@ impl<const K: usize> Collapser<K> {
     }
 }
 
-/// Whether two vertices of one place lie on different sides of a seam of texture coordinates or materials. Normals and
-/// colours that differ are no seam: crossing costs what they differ by.
-fn seam(mesh: &GroupMesh, a: u16, b: u16) -> bool {
-    let [a, b] = [a, b].map(|vertex| &mesh.welder.vertices[vertex as usize]);
-    a.0.uv != b.0.uv || a.1 != b.1
-}
-
 fn turned(ends: [u16; 2], backwards: bool) -> [u16; 2] {
     match backwards {
         true => [ends[1], ends[0]],
@@ -826,7 +468,7 @@ fn turned(ends: [u16; 2], backwards: bool) -> [u16; 2] {
 }
 
 /// Whether the rules let `from` move onto `to`.
-fn may_move(mesh: &GroupMesh, from: u16, to: u16) -> bool {
+pub(super) fn may_move(mesh: &GroupMesh, from: u16, to: u16) -> bool {
     match (mesh.rules[from as usize], mesh.rules[to as usize]) {
         (LOCKED, _) => false,
         (OPEN, to) => to != FREE,
@@ -843,9 +485,4 @@ pub(super) fn flips(from: [f32; 3], to: [f32; 3], [a, b]: [[f32; 3]; 2]) -> bool
         return false;
     }
     product <= 0.0 || product * product < FLIP_COSINE_SQUARED * square * dot(after, after)
-}
-
-fn refill<T>(list: &mut Vec<T>, items: impl Iterator<Item = T>) {
-    list.clear();
-    list.extend(items);
 }

@@ -3,9 +3,12 @@
 mod collapse;
 mod group;
 mod merge;
+mod nearest;
+mod pairs;
 mod placement;
 mod quadric;
 mod queue;
+mod setup;
 mod witness;
 
 use super::cluster::{ClusterView, Witness};

@@ -1,0 +1,263 @@
+//! Setup: a group's connectivity, its quadrics, and the edges that wait to collapse.
+
+use super::super::borders::{FREE, LOCKED, OPEN};
+use super::super::vertex::Grids;
+use super::collapse::{BOUND, Candidate, Collapser, NONE, may_move};
+use super::group::{GroupMesh, Weights};
+use super::pairs::seam;
+use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
+
+/// Weight of an open edge's plane, against a triangle's as large as the edge's square.
+const OPEN_EDGE_WEIGHT: f32 = 4.0;
+/// The same for an edge where attributes or materials jump.
+const SEAM_WEIGHT: f32 = 1.0;
+/// Triangles flatter than this share of their longest edge have no gradients.
+const NEEDLE: f32 = 1e-5;
+
+/// What the edge from a place to a neighbour looks like from its two sides.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Around {
+    pub(super) neighbour: u16,
+    /// Vertices here and there of the triangle along the edge, and of the one against it.
+    pub(super) along: [u16; 2],
+    pub(super) against: [u16; 2],
+    pub(super) triangle: u16,
+}
+
+impl<const K: usize> Collapser<K> {
+    /// Sets up the connectivity and the quadrics of a group.
+    pub fn start(&mut self, mesh: &GroupMesh, grids: &Grids, weights: &Weights) {
+        let places = mesh.positions.len();
+        let vertices = mesh.welder.vertices.len();
+        let triangles = mesh.triangles.len();
+        refill(&mut self.moved_to, (0..places).map(|place| place as u16));
+        refill(
+            &mut self.place_of,
+            mesh.welder.place_of.iter().map(|&place| place as u16),
+        );
+        refill(&mut self.corners, mesh.triangles.iter().copied());
+        refill(&mut self.alive, std::iter::repeat_n(true, triangles));
+        self.live = triangles;
+        refill(&mut self.head, std::iter::repeat_n(NONE, places));
+        refill(&mut self.tail, std::iter::repeat_n(NONE, places));
+        refill(&mut self.next, std::iter::repeat_n(NONE, 3 * triangles));
+        refill(&mut self.age, std::iter::repeat_n(0, places));
+        refill(&mut self.stamp, std::iter::repeat_n(0, places));
+        refill(
+            &mut self.quadrics,
+            std::iter::repeat_n(Quadric::default(), places),
+        );
+        refill(&mut self.uses, std::iter::repeat_n(0, vertices));
+        refill(
+            &mut self.attribute_quadrics,
+            std::iter::repeat_n(
+                AttributeQuadric::default(),
+                if K > 0 { vertices } else { 0 },
+            ),
+        );
+        let uv_base = mesh.uv_base();
+        let attributes = if K > 0 { vertices } else { 0 };
+        refill(
+            &mut self.attributes,
+            (0..attributes).map(|vertex| mesh.attributes(grids, weights, uv_base, vertex)),
+        );
+        (self.now, self.attribute_error_squared) = (0, 0.0);
+        (self.open_moved, self.material_crossed) = (false, false);
+        self.rings(mesh);
+        for corner in (0..3 * triangles).rev() {
+            let vertex = mesh.triangles[corner / 3][corner % 3] as usize;
+            let place = mesh.welder.place_of[vertex] as usize;
+            self.uses[vertex] += 1;
+            self.next[corner] = self.head[place];
+            self.head[place] = corner as u16;
+            if self.tail[place] == NONE {
+                self.tail[place] = corner as u16;
+            }
+        }
+        for triangle in &mesh.triangles {
+            self.add_triangle(mesh, *triangle);
+        }
+    }
+
+    fn rings(&mut self, mesh: &GroupMesh) {
+        refill(
+            &mut self.ring,
+            (0..mesh.welder.vertices.len()).map(|vertex| vertex as u16),
+        );
+        for place in 0..mesh.positions.len() as u32 {
+            let mut all = mesh.welder.vertices_at(place);
+            let Some(first) = all.next() else { continue };
+            let mut last = first;
+            for vertex in all {
+                self.ring[last as usize] = vertex as u16;
+                last = vertex;
+            }
+            self.ring[last as usize] = first as u16;
+        }
+    }
+
+    fn add_triangle(&mut self, mesh: &GroupMesh, triangle: [u16; 3]) {
+        let places = mesh.places(triangle);
+        let [a, b, c] = places.map(|place| mesh.positions[place]);
+        let (ab, ac) = (sub(b, a), sub(c, a));
+        let across = cross(ab, ac);
+        let square = dot(across, across);
+        if square <= 0.0 {
+            return;
+        }
+        let length = square.sqrt();
+        let area = 0.5 * length;
+        let plane = Quadric::plane(across.map(|value| value / length), area);
+        for place in places {
+            // Linear and constant terms are 0: the plane runs through the corner.
+            let quadric = &mut self.quadrics[place];
+            (0..6).for_each(|i| quadric.a[i] += plane.a[i]);
+            quadric.weight += area;
+        }
+        if K == 0 {
+            return;
+        }
+        let longest = dot(ab, ab).max(dot(ac, ac));
+        if length < NEEDLE * longest {
+            return;
+        }
+        let duals = [cross(ac, across), cross(across, ab)].map(|v| v.map(|value| value / square));
+        let [own, to_b, to_c] = triangle.map(|vertex| &self.attributes[vertex as usize]);
+        let steps = [to_b, to_c].map(|to| std::array::from_fn(|k| to[k] - own[k]));
+        let quadric = AttributeQuadric::<K>::triangle(duals, steps, area);
+        for vertex in triangle {
+            let sum = &mut self.attribute_quadrics[vertex as usize];
+            (0..6).for_each(|i| sum.base.a[i] += quadric.base.a[i]);
+            sum.base.weight += area;
+            for axis in 0..3 {
+                (0..K).for_each(|k| sum.gradient[axis][k] += quadric.gradient[axis][k]);
+            }
+        }
+    }
+
+    /// Queues every live edge at what it costs at least; the first time, open edges and seams also get their planes.
+    pub(super) fn enqueue(&mut self, mesh: &GroupMesh, first: bool) {
+        if first {
+            self.add_planes(mesh);
+        }
+        self.candidates.clear();
+        for (triangle, vertices) in self.corners.iter().enumerate() {
+            if !self.alive[triangle] {
+                continue;
+            }
+            let places = vertices.map(|vertex| self.place_of[vertex as usize]);
+            for side in 0..3 {
+                let (a, b) = (places[side], places[(side + 1) % 3]);
+                let fixed = [a, b].map(|place| mesh.rules[place as usize] != FREE);
+                // Once for the two triangles of an edge; one that may be open may have no other triangle.
+                if a > b && fixed != [true; 2] {
+                    continue;
+                }
+                if may_move(mesh, a, b) || may_move(mesh, b, a) {
+                    self.candidates.push(Candidate {
+                        ends: [a, b],
+                        age: BOUND,
+                        backwards: false,
+                        last_chance: false,
+                    });
+                }
+            }
+        }
+        self.queue.clear(self.candidates.len());
+        for (number, candidate) in (0..).zip(&self.candidates) {
+            let [a, b] = candidate.ends;
+            let bound = |from, to| match may_move(mesh, from, to) {
+                true => self.distance_cost(mesh, from, to),
+                false => f32::INFINITY,
+            };
+            self.queue.push(number, bound(a, b).min(bound(b, a)));
+        }
+    }
+
+    /// Adds the planes of all open edges and seams. Each has an end on an open edge or of several vertices.
+    fn add_planes(&mut self, mesh: &GroupMesh) {
+        let looked_at = |state: &Self, place: u16| {
+            let vertex = state.first_vertex(mesh, place);
+            state.ring[vertex as usize] != vertex || mesh.rules[place as usize] == OPEN
+        };
+        let mut around = std::mem::take(&mut self.around);
+        let mut slots = std::mem::take(&mut self.slots);
+        slots.resize(mesh.positions.len().max(slots.len()), 0);
+        for place in 0..mesh.positions.len() as u16 {
+            if !looked_at(self, place) {
+                continue;
+            }
+            around.clear();
+            self.now += 1;
+            let mut corner = self.head[place as usize];
+            while corner != NONE {
+                let (triangle, k) = (corner as usize / 3, corner as usize % 3);
+                let vertices = self.corners[triangle];
+                for (side, along) in [((k + 1) % 3, true), ((k + 2) % 3, false)] {
+                    let neighbour = self.place(vertices[side]);
+                    let slot = &mut slots[neighbour as usize];
+                    if self.stamp[neighbour as usize] != self.now {
+                        self.stamp[neighbour as usize] = self.now;
+                        *slot = around.len() as u16;
+                        around.push(Around {
+                            neighbour,
+                            along: [NONE; 2],
+                            against: [NONE; 2],
+                            triangle: triangle as u16,
+                        });
+                    }
+                    let own = &mut around[*slot as usize];
+                    let pair = [vertices[k], vertices[side]];
+                    if along {
+                        own.along = pair;
+                    } else {
+                        own.against = pair;
+                    }
+                }
+                corner = self.next[corner as usize];
+            }
+            for edge in &around {
+                if edge.neighbour > place || !looked_at(self, edge.neighbour) {
+                    self.add_edge_planes(mesh, place, edge);
+                }
+            }
+        }
+        self.around = around;
+        self.slots = slots;
+    }
+
+    /// Planes that hold an open edge or a seam in place, upright on its triangle.
+    fn add_edge_planes(&mut self, mesh: &GroupMesh, place: u16, edge: &Around) {
+        let open = edge.along[0] == NONE || edge.against[0] == NONE;
+        let differs = |end: usize| seam(mesh, edge.along[end], edge.against[end]);
+        if !open && !differs(0) && !differs(1) {
+            return;
+        }
+        let [a, b] = [place, edge.neighbour].map(|place| place as usize);
+        if mesh.rules[a] == LOCKED && mesh.rules[b] == LOCKED {
+            return;
+        }
+        let [p, q, r] = mesh
+            .places(self.triangle(edge.triangle as usize))
+            .map(|place| mesh.positions[place]);
+        let normal = cross(sub(q, p), sub(r, p));
+        let side = sub(mesh.positions[b], mesh.positions[a]);
+        let upright = cross(side, normal);
+        let square = dot(upright, upright);
+        if square <= 0.0 {
+            return;
+        }
+        let unit = upright.map(|value| value / square.sqrt());
+        let weight = if open { OPEN_EDGE_WEIGHT } else { SEAM_WEIGHT };
+        let plane = Quadric::plane(unit, weight * dot(side, side));
+        for place in [a, b] {
+            let quadric = &mut self.quadrics[place];
+            (0..6).for_each(|i| quadric.a[i] += plane.a[i]);
+        }
+    }
+}
+
+fn refill<T>(list: &mut Vec<T>, items: impl Iterator<Item = T>) {
+    list.clear();
+    list.extend(items);
+}
