@@ -431,7 +431,13 @@ fn a_built_mesh_streams_over_http() {
     let made = made_of(
         asset,
         hierarchy,
-        &Bytes::from(built.pack),
+        &Bytes::from(
+            built
+                .pack
+                .read(0..built.asset.pack_bytes())
+                .unwrap()
+                .into_owned(),
+        ),
         built.asset_bytes,
         built.hierarchy_bytes,
     );

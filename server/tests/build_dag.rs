@@ -306,7 +306,8 @@ fn bytes_do_not_depend_on_memory() {
 fn clusters_are_full() {
     for (mesh, least) in [
         (meshes::torus(300, 120), 127.0),
-        (meshes::cards(30_000), 100.0),
+        // Sheets of two triangles over four vertices: full by vertices, not by triangles.
+        (meshes::cards(30_000), 84.0),
         (meshes::unwelded(&meshes::sphere(60, 1.0, [0.0; 3])), 120.0),
     ] {
         let report = built(&mesh).report;

@@ -423,8 +423,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            1,
-            "912018025f763dde9c9785855d47660e57cda2f2798d77bd6ae42554dac5fb7c"
+            2,
+            "277154f65536c78bfff940357e1a9f6034e6ce22b7f744b8f5159408aaa7779b"
         ),
     );
 }

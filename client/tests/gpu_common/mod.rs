@@ -84,8 +84,14 @@ impl TestScene {
             let library = Library::open_or_create(folder.to_str().unwrap()).unwrap();
             let scene = self.scene.encode().unwrap();
             let built = self.built.iter();
+            let pack = |built: &BuiltAsset| {
+                let bytes = built.pack.read(0..built.asset.pack_bytes()).unwrap();
+                bytes.into_owned()
+            };
+            let packs: Vec<Vec<u8>> = built.clone().map(pack).collect();
             let objects = built
-                .flat_map(|built| [&built.asset_bytes, &built.hierarchy_bytes, &built.pack])
+                .flat_map(|built| [&built.asset_bytes, &built.hierarchy_bytes])
+                .chain(&packs)
                 .chain(&self.images)
                 .chain([&scene]);
             for object in objects {

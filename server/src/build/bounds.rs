@@ -6,7 +6,7 @@ use lodestream_format::hierarchy::ROOT_ERROR;
 
 use super::cluster::{Birth, ClusterInfo, ClusterView};
 use super::clusterize::Clusters;
-use super::simplify::Simplified;
+use super::simplify::{HANDED_ON, Simplified};
 use super::vertex::Grids;
 
 /// Sphere around the box of a cluster, local metres.
@@ -68,9 +68,15 @@ pub(super) fn parent_error(births: &[Birth], simplified: &Simplified, lod_sphere
         .map(|birth| birth.error_metres as f64)
         .fold(0.0, f64::max);
     let back = simplified.step_metres.hypot(members);
+    // Where parts vanish, points that were near to them, and so were not handed on, are as far off as those now.
+    let lost = match simplified.lost_metres > 0.0 {
+        true => simplified.lost_metres + HANDED_ON as f64 * members,
+        false => 0.0,
+    };
     let error = simplified
         .distance_metres
         .max(back)
+        .max(lost)
         .max(simplified.attribute_metres);
     // Below the root's, whatever the size of the mesh.
     let most = members.max(2.0 * lod_sphere.radius as f64);

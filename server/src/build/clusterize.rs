@@ -220,14 +220,15 @@ impl Clusterizer {
     }
 }
 
-/// Clusters that so many triangles need: fewer triangles a cluster where nearly every corner is a vertex of its own.
+/// Clusters that so many triangles need: fewer triangles a cluster where corners share few vertices.
 fn parts_of(triangles: usize, vertices: usize) -> usize {
     let by_vertices = MAX_CLUSTER_VERTICES * triangles / vertices.max(1);
-    let most = match 2 * vertices > 5 * triangles {
-        true => by_vertices.clamp(MAX_CLUSTER_VERTICES / 3, MAX_CLUSTER_TRIANGLES),
+    // Parts differ: what is just full on average would be halved as often as not.
+    let most = match by_vertices < MAX_CLUSTER_TRIANGLES {
+        true => by_vertices - by_vertices / 24,
         false => MAX_CLUSTER_TRIANGLES,
     };
-    triangles.div_ceil(most)
+    triangles.div_ceil(most.clamp(MAX_CLUSTER_VERTICES / 3, MAX_CLUSTER_TRIANGLES))
 }
 
 /// Edges of a cluster between places, with the sum of their signs.

@@ -21,6 +21,8 @@ struct FourBounds {
 /// Triangles for nearest-distance queries: what the builder measures its error with, and tests and reports likewise.
 #[derive(Debug)]
 pub struct TriangleTree {
+    /// Number of each triangle in the list that was given.
+    numbers: Vec<u32>,
     corners: Vec<[Point; 3]>,
     /// Boxes of triangles, of fours of triangles, and so on; the last level has one four.
     levels: Vec<Vec<FourBounds>>,
@@ -52,6 +54,7 @@ impl TriangleTree {
             row = row.chunks(WIDTH).map(merge).collect();
         }
         Self {
+            numbers: order.iter().map(|&(_, index)| index).collect(),
             corners: sorted()
                 .map(|corners| corners.map(|corner| corner.map(f64::from)))
                 .collect(),
@@ -63,6 +66,13 @@ impl TriangleTree {
     /// Infinite without triangles.
     pub fn distance_squared(&self, point: Point, enough: f64) -> f64 {
         self.distance_squared_near(point, enough, &mut 0)
+    }
+
+    /// Squared distance from `point` to the nearest triangle, and its number; `None` without triangles.
+    pub(super) fn nearest(&self, point: Point) -> Option<(f64, u32)> {
+        let mut hint = 0;
+        let squared = self.distance_squared_near(point, 0.0, &mut hint);
+        Some((squared, *self.numbers.get(hint as usize)?))
     }
 
     /// The same. `hint` is a triangle to start from, the nearer the faster, and becomes the one that was found: samples

@@ -18,6 +18,7 @@ use super::vertex::Grids;
 use collapse::{Collapser, Freedom};
 use group::{GroupMesh, attribute_count};
 use quadric::{cross, dot, sub};
+pub(super) use witness::HANDED_ON;
 use witness::{Court, Testimony};
 
 /// A result with more of the triangles left is not worth a level.
@@ -74,6 +75,8 @@ pub(super) struct Simplified {
     pub distance_metres: f64,
     /// Distance of the new surface from the group's, metres.
     pub step_metres: f64,
+    /// Distance of parts of the group that vanished from what is left, metres.
+    pub lost_metres: f64,
     /// Attributes' error, metres.
     pub attribute_metres: f64,
     /// Whether open edges of the surface moved.
@@ -146,6 +149,7 @@ impl Workspace {
             clusters: clusterizer.clusterize(&surface, job.level),
             distance_metres: result.distance * metres,
             step_metres: result.step * metres,
+            lost_metres: result.lost * metres,
             attribute_metres: result.attribute * metres,
             open_edges_moved: result.open_edges_moved,
         })
@@ -169,6 +173,7 @@ struct Outcome {
     witnesses: Vec<Witness>,
     distance: f64,
     step: f64,
+    lost: f64,
     attribute: f64,
     open_edges_moved: bool,
 }
@@ -216,6 +221,7 @@ fn collapse<const K: usize>(
     let Testimony {
         distance,
         step,
+        lost,
         witnesses,
     } = court.hear(state, mesh, origins);
     let live: Vec<[u16; 3]> = (0..before)
@@ -237,6 +243,7 @@ fn collapse<const K: usize>(
         witnesses,
         distance: margin(distance as f64),
         step: margin(step as f64),
+        lost: margin(lost as f64),
         attribute: attribute.max(lost_material),
         open_edges_moved: state.open_moved,
     })
@@ -283,11 +290,12 @@ fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
     };
     let after = at(&triangles);
     let step = measure::distance(&mesh.positions, &at(&mesh.triangles), &after, 0.0);
-    let (witnesses, farthest) = witness::after_merge(mesh, &triangles, &after, &moved_to);
+    let (witnesses, farthest) = witness::after_merge(mesh, &after, &moved_to);
     Some(Outcome {
         attribute: mesh.typical_edge(&triangles) as f64,
         distance: margin(step.max(farthest)),
         step: margin(step),
+        lost: margin(step),
         witnesses,
         triangles: triangles
             .iter()

@@ -18,7 +18,7 @@ use super::nearest::{middle, sure, to_segment, to_triangle};
 use super::quadric::{dot, sub};
 
 /// A witness nearer than this share of the farthest one is not handed on.
-const HANDED_ON: f32 = 0.4;
+pub(in super::super) const HANDED_ON: f32 = 0.4;
 /// A witness whose squared distance is less than this share of the largest so far is not looked at further.
 const ENOUGH: f32 = 0.5;
 /// A walk may end in a hollow: what it found is held against everything where it raises the largest squared distance by more
@@ -34,6 +34,8 @@ pub(in super::super) struct Testimony {
     pub distance: f32,
     /// Farthest distance of that from the group as it was, units.
     pub step: f32,
+    /// Farthest distance of parts that vanished from what is left, units.
+    pub lost: f32,
     /// Those handed on, by triangle.
     pub witnesses: Vec<Witness>,
 }
@@ -83,7 +85,7 @@ impl Court {
             }
         }
         let mut worst = 0.0f32;
-        let mut lost: Vec<[f32; 3]> = Vec::new();
+        let mut lost: Vec<[i32; 3]> = Vec::new();
         for place in loosest_first(state, &self.went) {
             let went_to = self.went[place];
             let stayed = went_to as usize == place;
@@ -110,7 +112,7 @@ impl Court {
                         self.keep(triangle, squared, mesh.on_grid(at));
                     }
                 }
-                None => lost.push(at),
+                None => lost.push(mesh.on_grid(at)),
             }
         }
         for witness in &mesh.witnesses {
@@ -134,11 +136,13 @@ impl Court {
                         self.keep(triangle, squared, witness.position);
                     }
                 }
-                None => lost.push(at),
+                None => lost.push(witness.position),
             }
         }
+        let mut vanished = 0.0;
         if !lost.is_empty() {
-            worst = worst.max(self.search(state, mesh, &lost));
+            vanished = self.search(state, mesh, &lost);
+            worst = worst.max(vanished);
         }
         self.find_loose(state, mesh, origins, worst);
         let worst = self.old_edges(state, mesh, origins, worst);
@@ -147,6 +151,7 @@ impl Court {
         let mut testimony = Testimony {
             distance: worst.sqrt(),
             step: step.sqrt(),
+            lost: vanished.sqrt(),
             witnesses: Vec::new(),
         };
         let mut number = 0;
@@ -372,59 +377,55 @@ impl Court {
         }
     }
 
-    /// Largest squared distance of points whose part of the surface vanished, to anything that is left.
+    /// Largest squared distance of points whose part of the surface vanished, to anything that is left; they too are handed on.
     fn search<const K: usize>(
-        &self,
+        &mut self,
         state: &Collapser<K>,
         mesh: &GroupMesh,
-        lost: &[[f32; 3]],
+        lost: &[[i32; 3]],
     ) -> f32 {
-        let left: Vec<[u32; 3]> = (0..state.corners.len())
+        let alive: Vec<usize> = (0..state.corners.len())
             .filter(|&triangle| state.alive[triangle])
-            .map(|triangle| {
-                mesh.places(state.corners[triangle])
-                    .map(|place| place as u32)
+            .collect();
+        let left: Vec<[u32; 3]> = alive
+            .iter()
+            .map(|&triangle| {
+                let places = mesh.places(state.corners[triangle]);
+                places.map(|place| place as u32)
             })
             .collect();
         let tree = TriangleTree::new(&mesh.positions, &left);
-        lost.iter()
-            .map(|at| tree.distance_squared(at.map(f64::from), 0.0) as f32)
-            .fold(0.0, f32::max)
+        let mut worst = 0.0f32;
+        for &position in lost {
+            if let Some((squared, number)) = tree.nearest(mesh.local(position).map(f64::from)) {
+                worst = worst.max(squared as f32);
+                self.keep(alive[number as usize], squared as f32, position);
+            }
+        }
+        worst
     }
 }
 
-/// Witnesses of a vertex clustering and the farthest one's distance, units: every place that moved and every witness handed
-/// on, each with a triangle at the place it went to.
+/// Witnesses of a vertex clustering, which lets parts vanish, and the farthest one's distance, units: every place that moved
+/// and every witness handed on, each with the triangle nearest to it.
 pub(super) fn after_merge(
     mesh: &GroupMesh,
-    triangles: &[[u16; 3]],
     places: &[[u32; 3]],
     moved_to: &[u16],
 ) -> (Vec<Witness>, f64) {
     let tree = TriangleTree::new(&mesh.positions, places);
-    let mut triangle_at = vec![0u32; mesh.welder.vertices.len()];
-    for (number, corners) in triangles.iter().enumerate() {
-        for &vertex in corners {
-            triangle_at[vertex as usize] = number as u32;
+    let mut farthest = vec![(0.0f64, [0; 3]); places.len()];
+    let vertices = (0..).zip(&mesh.welder.vertices);
+    let moved = vertices.filter(|&(vertex, _)| moved_to[vertex as usize] != vertex);
+    let moved = moved.map(|(_, (value, _))| value.position);
+    let handed_on = mesh.witnesses.iter().map(|witness| witness.position);
+    for position in moved.chain(handed_on) {
+        if let Some((squared, triangle)) = tree.nearest(mesh.local(position).map(f64::from)) {
+            let own = &mut farthest[triangle as usize];
+            if squared > own.0 {
+                *own = (squared, position);
+            }
         }
-    }
-    let mut farthest = vec![(0.0f64, [0; 3]); triangles.len()];
-    let mut take = |position: [i32; 3], vertex: u16| {
-        let at = mesh.local(position).map(f64::from);
-        let squared = tree.distance_squared(at, 0.0);
-        let own = &mut farthest[triangle_at[moved_to[vertex as usize] as usize] as usize];
-        if squared > own.0 {
-            *own = (squared, position);
-        }
-    };
-    for (vertex, (value, _)) in mesh.welder.vertices.iter().enumerate() {
-        if moved_to[vertex] as usize != vertex {
-            take(value.position, vertex as u16);
-        }
-    }
-    for witness in &mesh.witnesses {
-        let corners = mesh.triangles[witness.triangle as usize];
-        take(witness.position, corners[0]);
     }
     let worst = farthest.iter().fold(0.0, |most: f64, own| most.max(own.0));
     let least = (HANDED_ON * HANDED_ON) as f64 * worst;
