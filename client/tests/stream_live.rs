@@ -425,7 +425,7 @@ fn sheet(side: u32) -> Mesh {
 /// What the builder really makes streams by both transports and is a valid cut all the way.
 #[test]
 fn a_built_mesh_streams_over_http() {
-    let built = build(&sheet(180), &BuildOptions::default()).unwrap();
+    let built = build(sheet(180), &BuildOptions::default()).unwrap();
     let asset: Asset = built.asset.clone();
     let hierarchy = Hierarchy::decode(&built.hierarchy_bytes, asset.pages.len() as u32).unwrap();
     let made = made_of(

@@ -117,18 +117,18 @@ impl Asset {
         let mut offset = 0u64;
         for (page, entry) in self.pages.iter().enumerate() {
             let at = |field: &str| format!("asset page {page} {field}");
-            ensure(entry.offset == offset, &at("offset"), offset, entry.offset)?;
+            ensure(entry.offset == offset, at("offset"), offset, entry.offset)?;
             let bytes = entry.bytes as usize;
             ensure(
                 (1..=MAX_DISK_FORM_BYTES + 8).contains(&bytes),
-                &at("bytes"),
+                at("bytes"),
                 "1..=524296",
                 bytes,
             )?;
             let words = entry.memory_words as usize;
             ensure(
                 (1..=PAGE_WORDS).contains(&words),
-                &at("memory words"),
+                at("memory words"),
                 "1..=32768",
                 words,
             )?;
@@ -140,7 +140,7 @@ impl Asset {
                 .is_none_or(|&last| (last as usize) < page);
             ensure(
                 ascending && earlier,
-                &at("dependencies"),
+                at("dependencies"),
                 format_args!("ascending, below {page}"),
                 format_args!("{:?}", entry.dependencies),
             )?;

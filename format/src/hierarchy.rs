@@ -218,33 +218,33 @@ impl Hierarchy {
             let error = group.parent_error_metres;
             ensure(
                 (0.0..=ROOT_ERROR).contains(&error),
-                &at("parent error"),
+                at("parent error"),
                 "0..=1e30",
                 error,
             )?;
             ensure(
                 group.first_part == part,
-                &at("first part"),
+                at("first part"),
                 part,
                 group.first_part,
             )?;
             let parts = group.part_count as usize;
             ensure(
                 (1..=MAX_GROUP_PARTS).contains(&parts),
-                &at("parts"),
+                at("parts"),
                 "1..=64",
                 parts,
             )?;
             let last_page = group.first_page as u64 + group.part_count as u64;
             ensure(
                 last_page <= page_count as u64,
-                &at("pages"),
+                at("pages"),
                 format_args!("below {page_count}"),
                 last_page,
             )?;
             ensure(
                 group.level < 64 && group.spare == 0,
-                &at("level"),
+                at("level"),
                 "below 64, spare word zero",
                 group.level,
             )?;
@@ -264,7 +264,7 @@ impl Hierarchy {
                 .sum::<u64>();
             ensure(
                 clusters == group.cluster_count as u64,
-                &at("clusters"),
+                at("clusters"),
                 clusters,
                 group.cluster_count,
             )?;
@@ -272,7 +272,7 @@ impl Hierarchy {
                 part.cluster_count == 0
                     || part.first_cluster.checked_add(part.cluster_count).is_none()
             });
-            ensure(!empty, &at("part"), "at least one cluster", "another count")?;
+            ensure(!empty, at("part"), "at least one cluster", "another count")?;
             part += group.part_count;
         }
         ensure(

@@ -153,16 +153,17 @@ impl<const K: usize> Collapser<K> {
                 }
             }
             let [from, to] = turned(ends, backwards);
-            if !self.collapse(mesh, from, to, freedom) && !last_chance {
-                if let Some(cost) = self.cost(mesh, to, from, freedom) {
-                    self.candidates[number as usize] = Candidate {
-                        ends,
-                        age,
-                        backwards: !backwards,
-                        last_chance: true,
-                    };
-                    self.queue.push(number, cost);
-                }
+            if !self.collapse(mesh, from, to, freedom)
+                && !last_chance
+                && let Some(cost) = self.cost(mesh, to, from, freedom)
+            {
+                self.candidates[number as usize] = Candidate {
+                    ends,
+                    age,
+                    backwards: !backwards,
+                    last_chance: true,
+                };
+                self.queue.push(number, cost);
             }
         }
     }

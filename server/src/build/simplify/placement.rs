@@ -88,7 +88,7 @@ fn least(quadric: &Quadric) -> Option<[f32; 3]> {
         xx * yy - xy * xy,
     ];
     let determinant = xx * cofactors[0] + xy * cofactors[1] + xz * cofactors[2];
-    if !(determinant > 0.0) {
+    if determinant.is_nan() || determinant <= 0.0 {
         return None;
     }
     let [x, y, z] = quadric.b.map(|value| -(value as f64) / determinant);

@@ -243,13 +243,13 @@ impl Court {
             let [a, b, c] = places.map(|place| mesh.positions[place]);
             let center = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
             let enough = (ENOUGH * worst).max(step);
-            step = step.max(self.to_old(mesh, origins, center, places[0], enough));
+            step = step.max(self.nearest_old(mesh, origins, center, places[0], enough));
             for side in 0..3 {
                 let (from, to) = (places[side], places[(side + 1) % 3]);
                 if from < to {
                     let at = middle(mesh.positions[from], mesh.positions[to]);
                     let enough = (ENOUGH * worst).max(step);
-                    step = step.max(self.to_old(mesh, origins, at, from, enough));
+                    step = step.max(self.nearest_old(mesh, origins, at, from, enough));
                 }
             }
         }
@@ -270,7 +270,7 @@ impl Court {
     }
 
     /// As [`Court::nearest`], to the triangles that the group had.
-    fn to_old(
+    fn nearest_old(
         &mut self,
         mesh: &GroupMesh,
         origins: &[[f32; 3]],
