@@ -2,6 +2,7 @@
 
 mod collapse;
 mod group;
+mod material;
 mod merge;
 mod nearest;
 mod pairs;
@@ -234,6 +235,7 @@ fn collapse<const K: usize>(
     let attribute = (state.attribute_error_squared.max(0.0) as f64)
         .sqrt()
         .min(size);
+    let moved = material::borders_moved(mesh, origins, &live, size as f32);
     let lost_material = match state.material_crossed {
         true => size,
         false => lost_material(mesh, &live, size),
@@ -244,7 +246,7 @@ fn collapse<const K: usize>(
         distance: margin(distance as f64),
         step: margin(step as f64),
         lost: margin(lost as f64),
-        attribute: attribute.max(lost_material),
+        attribute: attribute.max(lost_material).max(moved as f64),
         open_edges_moved: state.open_moved,
     })
 }

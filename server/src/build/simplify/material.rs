@@ -1,0 +1,74 @@
+//! Borders between materials: how far they have moved, which no distance between surfaces tells.
+
+use std::collections::HashMap;
+
+use super::group::GroupMesh;
+use super::nearest::{middle, to_segment};
+
+type Segment = [[f32; 3]; 2];
+
+/// Farthest distance between the borders of the group's triangles over `origins` and those of `after`, both ways at ends and
+/// middles, units, but at most `size`: what is wrong with a triangle's material is wrong over that triangle and no farther.
+/// 0 where there is one material.
+pub(super) fn borders_moved(
+    mesh: &GroupMesh,
+    origins: &[[f32; 3]],
+    after: &[[u16; 3]],
+    size: f32,
+) -> f32 {
+    let slots = mesh.welder.vertices.iter().map(|vertex| vertex.1);
+    let first = slots.clone().next();
+    if slots.clone().all(|slot| Some(slot) == first) {
+        return 0.0;
+    }
+    let old = borders(mesh, &mesh.triangles, origins);
+    let new = borders(mesh, after, &mesh.positions);
+    farthest(&old, &new, size).max(farthest(&new, &old, size))
+}
+
+/// Edges with different materials on their sides.
+fn borders(mesh: &GroupMesh, triangles: &[[u16; 3]], positions: &[[f32; 3]]) -> Vec<Segment> {
+    let mut sides: HashMap<(usize, usize), (u16, bool)> = HashMap::new();
+    for &triangle in triangles {
+        let slot = mesh.welder.vertices[triangle[0] as usize].1;
+        let places = mesh.places(triangle);
+        for side in 0..3 {
+            let (a, b) = (places[side], places[(side + 1) % 3]);
+            sides
+                .entry((a.min(b), a.max(b)))
+                .and_modify(|known| known.1 = known.0 != slot)
+                .or_insert((slot, false));
+        }
+    }
+    let mut borders: Vec<(usize, usize)> = sides
+        .into_iter()
+        .filter(|&(_, (_, border))| border)
+        .map(|(edge, _)| edge)
+        .collect();
+    borders.sort_unstable();
+    let segments = borders
+        .into_iter()
+        .map(|(a, b)| [positions[a], positions[b]]);
+    segments.collect()
+}
+
+fn farthest(from: &[Segment], to: &[Segment], size: f32) -> f32 {
+    let most = size * size;
+    let mut worst = 0.0f32;
+    for &[a, b] in from {
+        for at in [a, middle(a, b)] {
+            let mut least = most;
+            for &[from, to] in to {
+                least = least.min(to_segment(at, from, to));
+                if least <= worst {
+                    break;
+                }
+            }
+            worst = worst.max(least);
+        }
+        if worst >= most {
+            return size;
+        }
+    }
+    worst.sqrt()
+}
