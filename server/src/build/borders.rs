@@ -6,7 +6,7 @@
 //! over a cluster is not 0 matter, so only those are looked at.
 
 use super::cluster::ClusterView;
-use super::vertex::hash;
+use super::vertex::Places;
 
 /// What may be done to a vertex.
 pub(super) const FREE: u8 = 0;
@@ -36,9 +36,7 @@ impl ChunkBounds {
 /// The border places of a chunk's clusters.
 #[derive(Debug)]
 pub(super) struct Borders {
-    slots: Vec<u32>,
-    /// Grid index of every border place.
-    pub places: Vec<[i32; 3]>,
+    places: Places,
     /// Border edges of all clusters as places, one cluster after another.
     edges: Vec<[u32; 2]>,
     /// First edge of each cluster.
@@ -53,11 +51,11 @@ impl Borders {
     pub fn new(clusters: &[ClusterView]) -> Self {
         let edges: usize = clusters.iter().map(|cluster| cluster.border.len()).sum();
         let mut borders = Self {
-            slots: vec![NONE; (2 * edges + 2).next_power_of_two()],
-            places: Vec::with_capacity(edges),
+            places: Places::default(),
             edges: Vec::with_capacity(edges),
             first_edge: Vec::with_capacity(clusters.len() + 1),
         };
+        borders.places.clear(edges);
         let mut known = [(0u32, 0u32); 256];
         for (number, cluster) in clusters.iter().enumerate() {
             borders.first_edge.push(borders.edges.len() as u32);
@@ -66,7 +64,9 @@ impl Borders {
                 let ends = [from, to].map(|vertex| {
                     let known = &mut known[vertex as usize];
                     if known.0 != stamp {
-                        let place = borders.place(cluster.vertices[vertex as usize].position);
+                        let place = borders
+                            .places
+                            .number(cluster.vertices[vertex as usize].position);
                         *known = (stamp, place);
                     }
                     known.1
@@ -78,21 +78,9 @@ impl Borders {
         borders
     }
 
-    fn place(&mut self, position: [i32; 3]) -> u32 {
-        let mask = self.slots.len() - 1;
-        let mut slot = hash(position) as usize & mask;
-        loop {
-            let place = self.slots[slot];
-            if place == NONE {
-                self.slots[slot] = self.places.len() as u32;
-                self.places.push(position);
-                return self.slots[slot];
-            }
-            if self.places[place as usize] == position {
-                return place;
-            }
-            slot = (slot + 1) & mask;
-        }
+    /// Grid index of every border place.
+    pub fn places(&self) -> &[[i32; 3]] {
+        &self.places.positions
     }
 
     /// Border edges of a cluster, as places.
@@ -103,7 +91,7 @@ impl Borders {
     /// What may be done to each border place when `groups`, which hold every cluster of the chunk once, are simplified
     /// apart. An open edge inside the bounds of another chunk may belong to a closed surface there: it is locked.
     pub fn rules(&self, groups: &[Vec<u32>], others: &[ChunkBounds]) -> Vec<u8> {
-        let mut owner = vec![NONE; self.places.len()];
+        let mut owner = vec![NONE; self.places().len()];
         for (group, members) in groups.iter().enumerate() {
             for &cluster in members {
                 for &place in self.edges_of(cluster as usize).as_flattened() {
@@ -121,7 +109,7 @@ impl Borders {
             .map(|&owner| if owner == SHARED { LOCKED } else { FREE })
             .collect();
         for edge in self.open_edges() {
-            let ends = edge.map(|place| self.places[place as usize]);
+            let ends = edge.map(|place| self.places()[place as usize]);
             let elsewhere = others
                 .iter()
                 .any(|bounds| ends.iter().all(|&end| bounds.contains(end)));
@@ -195,7 +183,7 @@ mod tests {
         };
         let borders = Borders::new(&[view(&left), view(&right)]);
         let rule_at = |rules: &[u8], position: [i32; 3]| {
-            let place = borders.places.iter().position(|&own| own == position);
+            let place = borders.places().iter().position(|&own| own == position);
             place.map(|place| rules[place])
         };
         let apart = borders.rules(&[vec![0], vec![1]], &[]);

@@ -158,6 +158,7 @@ impl Clusterizer {
         self.witnesses.clear();
         self.edges.clear();
         let mut places = 0u16;
+        let one_material = slot(part[0]) == slot(part[part.len() - 1]);
         for (number, &triangle) in part.iter().enumerate() {
             let mut corners = [0u8; 4];
             let mut at = [0u16; 3];
@@ -167,9 +168,9 @@ impl Clusterizer {
                 if known.0 != self.stamp {
                     let value = surface.vertices[vertex as usize].0;
                     // Vertices that differ only in material are one.
-                    let same = match self.materials.len() {
-                        0 | 1 if slot(part[0]) == slot(part[part.len() - 1]) => None,
-                        _ => self.vertices.iter().position(|other| *other == value),
+                    let same = match one_material {
+                        true => None,
+                        false => self.vertices.iter().position(|other| *other == value),
                     };
                     let local = same.unwrap_or(self.vertices.len());
                     if local == MAX_CLUSTER_VERTICES {

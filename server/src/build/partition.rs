@@ -79,7 +79,7 @@ pub(super) fn partition(
         return vec![(0..clusters.len() as u32).collect()];
     }
     let mut positions: Vec<[f32; 3]> = borders
-        .places
+        .places()
         .iter()
         .map(|place| place.map(|q| q as f32))
         .collect();

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::error::BuildError;
@@ -17,6 +17,8 @@ pub(super) enum Store {
 /// A file without a name: gone when the build ends, however it ends.
 #[derive(Debug)]
 pub(super) struct ScratchFile {
+    /// For messages.
+    folder: PathBuf,
     file: File,
     /// First byte and number of words of each run.
     runs: Vec<(u64, u32)>,
@@ -29,6 +31,7 @@ impl Store {
         match scratch {
             None => Ok(Self::Memory(Vec::new())),
             Some(folder) => Ok(Self::File(ScratchFile {
+                folder: folder.to_owned(),
                 file: tempfile::tempfile_in(folder).map_err(|cause| at(folder, cause))?,
                 runs: Vec::new(),
                 end: 0,
@@ -104,7 +107,7 @@ impl std::ops::Deref for Part {
 impl ScratchFile {
     fn put(&mut self, words: &[u32]) -> Result<u32, BuildError> {
         let bytes: &[u8] = bytemuck::cast_slice(words);
-        write_at(&self.file, bytes, self.end).map_err(|cause| at(Path::new("scratch"), cause))?;
+        write_at(&self.file, bytes, self.end).map_err(|cause| at(&self.folder, cause))?;
         self.runs.push((self.end, words.len() as u32));
         self.end += bytes.len() as u64;
         Ok(self.runs.len() as u32 - 1)
@@ -113,7 +116,7 @@ impl ScratchFile {
     fn read(&self, first: u64, words: usize) -> Result<Arc<[u32]>, BuildError> {
         let mut run = vec![0u32; words];
         let bytes = bytemuck::cast_slice_mut(&mut run);
-        read_at(&self.file, bytes, first).map_err(|cause| at(Path::new("scratch"), cause))?;
+        read_at(&self.file, bytes, first).map_err(|cause| at(&self.folder, cause))?;
         Ok(run.into())
     }
 }

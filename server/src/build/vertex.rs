@@ -68,11 +68,10 @@ impl Grids {
     }
 }
 
-/// Numbers vertices by value and their places by position: open addressing, since this runs for every vertex of every
-/// group. Vertices that differ only in attributes share a place.
+/// Numbers vertices by value and their places by position. Vertices that differ only in attributes share a place.
 #[derive(Debug, Default)]
 pub(super) struct Welder {
-    slots: Vec<u32>,
+    places: Places,
     /// First vertex of each place.
     first: Vec<u32>,
     /// Next vertex of the same place.
@@ -88,9 +87,7 @@ const NONE: u32 = u32::MAX;
 impl Welder {
     /// Forgets everything and makes room for `count` vertices.
     pub fn clear(&mut self, count: usize) {
-        let slots = (2 * count + 1).next_power_of_two();
-        self.slots.clear();
-        self.slots.resize(slots, NONE);
+        self.places.clear(count);
         self.first.clear();
         self.next.clear();
         self.place_of.clear();
@@ -104,7 +101,10 @@ impl Welder {
 
     /// Number of a vertex, new or known.
     pub fn number(&mut self, vertex: &Vertex, material: u16) -> u32 {
-        let place = self.place(vertex.position);
+        let place = self.places.number(vertex.position);
+        if place as usize == self.first.len() {
+            self.first.push(NONE);
+        }
         let mut at = &mut self.first[place as usize];
         let mut known = *at;
         while known != NONE {
@@ -122,28 +122,6 @@ impl Welder {
         number
     }
 
-    fn place(&mut self, position: [i32; 3]) -> u32 {
-        let mask = self.slots.len() - 1;
-        let mut slot = hash(position) as usize & mask;
-        loop {
-            let place = self.slots[slot];
-            if place == NONE {
-                self.slots[slot] = self.first.len() as u32;
-                self.first.push(NONE);
-                return self.slots[slot];
-            }
-            // A place has a vertex as soon as `number` returns.
-            if self.vertices[self.first[place as usize] as usize]
-                .0
-                .position
-                == position
-            {
-                return place;
-            }
-            slot = (slot + 1) & mask;
-        }
-    }
-
     /// One vertex of a place.
     pub fn first_vertex(&self, place: u32) -> u32 {
         self.first[place as usize]
@@ -158,8 +136,42 @@ impl Welder {
     }
 }
 
+/// Numbers grid positions in order of first sight: open addressing, since this runs for every vertex of every group.
+#[derive(Debug, Default)]
+pub(super) struct Places {
+    slots: Vec<u32>,
+    pub positions: Vec<[i32; 3]>,
+}
+
+impl Places {
+    /// Forgets everything and makes room for `count` positions.
+    pub fn clear(&mut self, count: usize) {
+        self.slots.clear();
+        self.slots.resize((2 * count + 1).next_power_of_two(), NONE);
+        self.positions.clear();
+    }
+
+    /// Number of a position, new or known.
+    pub fn number(&mut self, position: [i32; 3]) -> u32 {
+        let mask = self.slots.len() - 1;
+        let mut slot = hash(position) as usize & mask;
+        loop {
+            let place = self.slots[slot];
+            if place == NONE {
+                self.slots[slot] = self.positions.len() as u32;
+                self.positions.push(position);
+                return self.slots[slot];
+            }
+            if self.positions[place as usize] == position {
+                return place;
+            }
+            slot = (slot + 1) & mask;
+        }
+    }
+}
+
 /// Spreads grid indices over 32 bits (Fibonacci hashing; Knuth, TAOCP 3, 6.4).
-pub(super) fn hash([x, y, z]: [i32; 3]) -> u32 {
+fn hash([x, y, z]: [i32; 3]) -> u32 {
     let low = (x as u32 as u64 | (y as u32 as u64) << 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let all = (low ^ low >> 29 ^ z as u32 as u64).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     (all >> 32) as u32

@@ -9,7 +9,7 @@ use super::values::{self, Step};
 use crate::build::Placement;
 use crate::http::DEFAULT_CACHE_BYTES;
 
-/// glTF files become scenes in a library, and HTTP serves them.
+/// Model files become scenes in a library, and HTTP serves them.
 #[derive(Debug, Parser)]
 #[command(version, about)]
 pub(super) struct Cli {
@@ -26,7 +26,7 @@ pub(super) struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// Build a scene from glTF files and publish it; what the library holds already is not built again.
+    /// Build a scene from model files and publish it; what the library holds already is not built again.
     #[command(after_help = JOBS_HELP)]
     Ingest(IngestArgs),
     /// Serve a library over HTTP/1.1 and cleartext HTTP/2 on one port.
@@ -60,7 +60,7 @@ The plan and what is built lie in the library. gc leaves them while the last job
 /// Options of `ingest`.
 #[derive(Debug, Args)]
 pub(super) struct IngestArgs {
-    /// .glb or .gltf files; several make one scene. With --job only where they lie elsewhere than the plan says, all of them in
+    /// .glb, .gltf, .obj, .ply or .stl files; several make one scene. With --job only where they lie elsewhere than the plan says, all of them in
     /// its order.
     #[arg(required_unless_present_any = ["job", "finish"], value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
@@ -74,7 +74,7 @@ pub(super) struct IngestArgs {
     #[arg(long, value_name = "N", value_parser = values::threads)]
     pub threads: Option<usize>,
     /// Stay below this much memory: large meshes are read in pieces and built through the disk. Bytes, or a number with KiB,
-    /// MiB, GiB, kB, MB, GB. The result does not depend on it.
+    /// MiB, GiB, kB, MB, GB. The result does not depend on it, but that a mesh read in pieces gets no normals where it has none.
     #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
     pub memory_limit: Option<u64>,
     /// Folder for what does not fit memory; the system's folder for temporary files by default.

@@ -12,6 +12,7 @@ mod queue;
 mod setup;
 mod witness;
 
+use super::borders::OPEN;
 use super::cluster::{ClusterView, Witness};
 use super::clusterize::{Clusterizer, Clusters, Surface};
 use super::measure;
@@ -293,6 +294,9 @@ fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
     let after = at(&triangles);
     let step = measure::distance(&mesh.positions, &at(&mesh.triangles), &after, 0.0);
     let (witnesses, farthest) = witness::after_merge(mesh, &after, &moved_to);
+    let open_moved = |(vertex, &to): (usize, &u16)| {
+        to as usize != vertex && mesh.rules[mesh.welder.place_of[vertex] as usize] == OPEN
+    };
     Some(Outcome {
         attribute: mesh.typical_edge(&triangles) as f64,
         distance: margin(step.max(farthest)),
@@ -303,6 +307,6 @@ fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
             .iter()
             .map(|corners| corners.map(u32::from))
             .collect(),
-        open_edges_moved: true,
+        open_edges_moved: moved_to.iter().enumerate().any(open_moved),
     })
 }

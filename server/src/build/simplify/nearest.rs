@@ -2,9 +2,15 @@
 
 use super::quadric::{cross, dot, sub};
 
+/// A walk may end in a hollow: what it found is held against everything where it is more than this times what is enough.
+const SURE: f32 = 1.2;
+
 /// The squared distance to all triangles where a walk found `squared`: a walk may end in a hollow. Any value not above `enough`
 /// stands for every other one.
 pub(super) fn sure(triangles: &[[[f32; 3]; 3]], at: [f32; 3], squared: f32, enough: f32) -> f32 {
+    if squared <= SURE * enough {
+        return squared;
+    }
     let mut least = squared;
     for corners in triangles {
         least = least.min(to_triangle(at, corners, least));

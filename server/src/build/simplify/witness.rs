@@ -21,9 +21,6 @@ use super::quadric::{dot, sub};
 pub(in super::super) const HANDED_ON: f32 = 0.4;
 /// A witness whose squared distance is less than this share of the largest so far is not looked at further.
 const ENOUGH: f32 = 0.5;
-/// A walk may end in a hollow: what it found is held against everything where it raises the largest squared distance by more
-/// than this.
-const SURE: f32 = 1.2;
 /// Places whose mean squared distance to their planes is more than this share of the largest squared distance are loose.
 const LOOSE: f32 = 0.2;
 
@@ -99,12 +96,8 @@ impl Court {
             }
             match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
                 Some((squared, triangle)) => {
-                    let mut squared = squared;
-                    let open = !stayed && mesh.rules[place] == OPEN;
-                    if squared > SURE * worst {
-                        squared = sure(&self.left, at, squared, worst);
-                    }
-                    if open {
+                    let mut squared = sure(&self.left, at, squared, worst);
+                    if !stayed && mesh.rules[place] == OPEN {
                         squared = squared.max(to_open_edge(state, mesh, at, went_to));
                     }
                     worst = worst.max(squared);
@@ -127,10 +120,8 @@ impl Court {
             });
             let went_to = self.went[near.unwrap_or(0)];
             match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
-                Some((mut squared, triangle)) => {
-                    if squared > SURE * worst {
-                        squared = sure(&self.left, at, squared, worst);
-                    }
+                Some((squared, triangle)) => {
+                    let squared = sure(&self.left, at, squared, worst);
                     worst = worst.max(squared);
                     if squared > HANDED_ON * HANDED_ON * worst {
                         self.keep(triangle, squared, witness.position);
@@ -207,13 +198,8 @@ impl Court {
                     continue;
                 }
                 let at = middle(origins[a], origins[b]);
-                if let Some((squared, _)) = self.nearest(state, mesh, at, ends[0], worst)
-                    && squared > worst
-                {
-                    worst = match squared > SURE * worst {
-                        true => sure(&self.left, at, squared, worst).max(worst),
-                        false => squared,
-                    };
+                if let Some((squared, _)) = self.nearest(state, mesh, at, ends[0], worst) {
+                    worst = worst.max(sure(&self.left, at, squared, worst));
                 }
             }
         }
@@ -305,10 +291,7 @@ impl Court {
                 }
             }
             if best.0 >= before {
-                return match best.0 > SURE * enough {
-                    true => sure(&self.old, at, best.0, enough),
-                    false => best.0,
-                };
+                return sure(&self.old, at, best.0, enough);
             }
             (around, count) = (mesh.places(mesh.triangles[best.1]), 3);
         }
