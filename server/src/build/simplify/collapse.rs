@@ -7,9 +7,10 @@
 use super::super::borders::{FREE, LOCKED, OPEN};
 use super::group::GroupMesh;
 use super::pairs::Pairs;
-use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
+use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub, sum};
 use super::queue::Queue;
 use super::setup::Around;
+use glam::Vec4;
 
 /// Share of an edge's length that counts as an error between edges that cost nothing else, so that flat parts keep
 /// triangles of good shape.
@@ -32,15 +33,13 @@ pub(super) enum Freedom {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Candidate {
     pub(super) ends: [u16; 2],
-    /// Times that something had collapsed onto the ends when the cost was worked out; [`BOUND`] where only a bound is known.
+    /// Times that something had collapsed onto the ends when the cost was worked out.
     pub(super) age: u32,
     /// The second end moves onto the first.
     pub(super) backwards: bool,
     /// The other way has been refused.
     pub(super) last_chance: bool,
 }
-
-pub(super) const BOUND: u32 = u32::MAX;
 
 /// A live triangle round a place that stays when the place moves: the corner there, and the places of the other two.
 #[derive(Debug, Clone, Copy)]
@@ -52,7 +51,7 @@ pub(super) struct Kept {
 
 /// The state of a simplification; kept between groups.
 #[derive(Debug)]
-pub(super) struct Collapser<const K: usize> {
+pub(super) struct Collapser<const L: usize> {
     /// Where each place has gone: itself while it is there.
     pub(super) moved_to: Vec<u16>,
     /// Vertices of each triangle.
@@ -67,10 +66,12 @@ pub(super) struct Collapser<const K: usize> {
     pub(super) quadrics: Vec<Quadric>,
     /// Next vertex of the same place, in a ring.
     pub(super) ring: Vec<u16>,
+    /// The vertex of each place that has one, or [`NONE`].
+    pub(super) only: Vec<u16>,
     /// Live corners of each vertex.
     pub(super) uses: Vec<u16>,
-    pub(super) attributes: Vec<[f32; K]>,
-    pub(super) attribute_quadrics: Vec<AttributeQuadric<K>>,
+    pub(super) attributes: Vec<[Vec4; L]>,
+    pub(super) attribute_quadrics: Vec<AttributeQuadric<L>>,
     /// Largest mean square of the attributes' error so far.
     pub(super) attribute_error_squared: f32,
     /// Whether a place on an open edge has moved.
@@ -80,6 +81,8 @@ pub(super) struct Collapser<const K: usize> {
     /// Place of each vertex.
     pub(super) place_of: Vec<u16>,
     pub(super) candidates: Vec<Candidate>,
+    /// What each candidate costs at first.
+    pub(super) costs: Vec<f32>,
     pub(super) queue: Queue,
     pub(super) kept: Vec<Kept>,
     pub(super) stamp: Vec<u32>,
@@ -89,7 +92,7 @@ pub(super) struct Collapser<const K: usize> {
     pub(super) slots: Vec<u16>,
 }
 
-impl<const K: usize> Default for Collapser<K> {
+impl<const L: usize> Default for Collapser<L> {
     fn default() -> Self {
         Self {
             moved_to: Vec::new(),
@@ -102,6 +105,7 @@ impl<const K: usize> Default for Collapser<K> {
             age: Vec::new(),
             quadrics: Vec::new(),
             ring: Vec::new(),
+            only: Vec::new(),
             uses: Vec::new(),
             attributes: Vec::new(),
             attribute_quadrics: Vec::new(),
@@ -110,6 +114,7 @@ impl<const K: usize> Default for Collapser<K> {
             material_crossed: false,
             place_of: Vec::new(),
             candidates: Vec::new(),
+            costs: Vec::new(),
             queue: Queue::default(),
             kept: Vec::new(),
             stamp: Vec::new(),
@@ -120,10 +125,10 @@ impl<const K: usize> Default for Collapser<K> {
     }
 }
 
-impl<const K: usize> Collapser<K> {
+impl<const L: usize> Collapser<L> {
     /// Collapses until at most `target` triangles are left or nothing more is allowed.
     pub fn run(&mut self, mesh: &GroupMesh, target: usize, freedom: Freedom, first: bool) {
-        self.enqueue(mesh, first);
+        self.enqueue(mesh, freedom, first);
         while self.live > target {
             let Some((number, bucket)) = self.queue.pop() else {
                 return;
@@ -169,7 +174,53 @@ impl<const K: usize> Collapser<K> {
     }
 
     /// The cheaper way to collapse an edge, its cost and whether it is backwards.
-    fn cheaper(&self, mesh: &GroupMesh, ends: [u16; 2], freedom: Freedom) -> Option<(f32, bool)> {
+    #[inline]
+    pub(super) fn cheaper(
+        &self,
+        mesh: &GroupMesh,
+        ends: [u16; 2],
+        freedom: Freedom,
+    ) -> Option<(f32, bool)> {
+        let vertices = ends.map(|end| self.only[end as usize]);
+        if vertices[0] == NONE || vertices[1] == NONE {
+            return self.cheaper_of_many(mesh, ends, freedom);
+        }
+        let offset = sub(
+            mesh.positions[ends[1] as usize],
+            mesh.positions[ends[0] as usize],
+        );
+        let length = LENGTH_WEIGHT * dot(offset, offset);
+        let back = offset.map(|x| -x);
+        let [here, there] = ends.map(|end| &self.quadrics[end as usize]);
+        let mut both = here.c + there.c;
+        let mut lanes = [here.lanes(offset), there.lanes(back)];
+        if L > 0 {
+            let change = self.change(vertices[0], vertices[1]);
+            let [here, there] = vertices.map(|vertex| &self.attribute_quadrics[vertex as usize]);
+            both += here.base.c + there.base.c;
+            lanes[0] += here.lanes(offset, &change);
+            lanes[1] += there.lanes(back, &change.map(|x| -x));
+        }
+        let costs = [
+            sum(lanes[0]) + both + length * here.weight,
+            sum(lanes[1]) + both + length * there.weight,
+        ];
+        let may = |from: usize, to: usize| may_move(mesh, ends[from], ends[to]);
+        let costs = [
+            if may(0, 1) { costs[0] } else { f32::INFINITY },
+            if may(1, 0) { costs[1] } else { f32::INFINITY },
+        ];
+        let back = costs[1] < costs[0];
+        let cost = costs[0].min(costs[1]);
+        (cost < f32::INFINITY).then_some((cost, back))
+    }
+
+    fn cheaper_of_many(
+        &self,
+        mesh: &GroupMesh,
+        ends: [u16; 2],
+        freedom: Freedom,
+    ) -> Option<(f32, bool)> {
         let bound = |backwards: bool| {
             let [from, to] = turned(ends, backwards);
             match may_move(mesh, from, to) {
@@ -246,7 +297,7 @@ impl<const K: usize> Collapser<K> {
         let first = self.first_vertex(mesh, from);
         if self.ring[first as usize] == first {
             // One vertex: any vertex of the other end that shares a triangle with it takes its corners.
-            if K > 0 {
+            if L > 0 {
                 let target = self.first_vertex(mesh, to);
                 let target = match self.ring[target as usize] == target {
                     true => target,
@@ -257,7 +308,7 @@ impl<const K: usize> Collapser<K> {
             return Some(cost);
         }
         let (pairs, count, _) = self.pairs(mesh, from, to, freedom)?;
-        if K > 0 {
+        if L > 0 {
             for &[own, target] in &pairs[..count] {
                 cost += self.attribute_cost(offset, own, target);
             }
@@ -268,10 +319,11 @@ impl<const K: usize> Collapser<K> {
     fn attribute_cost(&self, offset: [f32; 3], own: u16, target: u16) -> f32 {
         let change = self.change(own, target);
         let quadric = &self.attribute_quadrics[own as usize];
-        quadric.at(offset, &change) + self.attribute_quadrics[target as usize].base.c
+        let other = &self.attribute_quadrics[target as usize];
+        sum(quadric.lanes(offset, &change)) + quadric.base.c + other.base.c
     }
 
-    pub(super) fn change(&self, own: u16, target: u16) -> [f32; K] {
+    pub(super) fn change(&self, own: u16, target: u16) -> [Vec4; L] {
         let (from, to) = (
             &self.attributes[own as usize],
             &self.attributes[target as usize],
@@ -354,7 +406,7 @@ impl<const K: usize> Collapser<K> {
         let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
         let moved = self.quadrics[from as usize].moved(offset);
         self.quadrics[to as usize].add(&moved);
-        if K > 0 {
+        if L > 0 {
             for &[own, target] in pairs {
                 let change = self.change(own, target);
                 let moved = self.attribute_quadrics[own as usize].moved(offset, &change);

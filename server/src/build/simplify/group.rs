@@ -3,6 +3,7 @@
 use super::super::borders::FREE;
 use super::super::cluster::{ClusterView, Witness};
 use super::super::vertex::{Grids, Welder};
+use glam::Vec4;
 use lodestream_format::cluster::Attributes;
 use lodestream_format::octahedral;
 
@@ -168,19 +169,19 @@ impl GroupMesh {
     }
 
     /// Weighed attributes of a vertex. Texture coordinates count from `uv_base`.
-    pub fn attributes<const K: usize>(
+    pub fn attributes<const L: usize>(
         &self,
         grids: &Grids,
         weights: &Weights,
         uv_base: [i32; 2],
         vertex: usize,
-    ) -> [f32; K] {
+    ) -> [Vec4; L] {
         let vertex = &self.welder.vertices[vertex].0;
-        let mut all = [0.0; K];
+        let mut all = [Vec4::ZERO; L];
         let mut next = 0;
         let mut push = |value: f32| {
-            if let Some(slot) = all.get_mut(next) {
-                *slot = value;
+            if let Some(four) = all.get_mut(next / 4) {
+                four[next % 4] = value;
             }
             next += 1;
         };
@@ -204,25 +205,25 @@ impl GroupMesh {
     }
 
     /// Turns weighed attributes back into those of a vertex; what weighs nothing stays.
-    pub fn set_attributes<const K: usize>(
+    pub fn set_attributes<const L: usize>(
         &mut self,
         grids: &Grids,
         weights: &Weights,
         uv_base: [i32; 2],
         vertex: usize,
-        values: &[f32; K],
+        values: &[Vec4; L],
     ) {
         let vertex = &mut self.welder.vertices[vertex].0;
-        let mut values = values.iter();
+        let mut values = values.iter().flat_map(|four| four.to_array());
         if grids.attributes.has(Attributes::NORMAL) {
-            let normal: [f32; 3] = std::array::from_fn(|_| values.next().copied().unwrap_or(0.0));
+            let normal: [f32; 3] = std::array::from_fn(|_| values.next().unwrap_or(0.0));
             if super::dot(normal, normal) > 0.0 {
                 vertex.normal = octahedral::encode(normal);
             }
         }
         if grids.attributes.has(Attributes::UV) {
             for axis in 0..2 {
-                let value = values.next().copied().unwrap_or(0.0);
+                let value = values.next().unwrap_or(0.0);
                 if weights.uv > 0.0 {
                     let steps = (value / weights.uv).round_ties_even() as i32;
                     // Inside the asset's range of steps, see `Grids::vertex`.
@@ -235,7 +236,7 @@ impl GroupMesh {
         }
         if grids.attributes.has(Attributes::COLOR) {
             for channel in 0..4 {
-                let value = values.next().copied().unwrap_or(0.0);
+                let value = values.next().unwrap_or(0.0);
                 if weights.color > 0.0 {
                     let level = (value / weights.color).round_ties_even();
                     vertex.color[channel] = level.clamp(0.0, 255.0) as u8;

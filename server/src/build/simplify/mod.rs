@@ -101,9 +101,9 @@ pub(super) struct Job<'a> {
 pub(super) struct Workspace {
     mesh: GroupMesh,
     plain: Collapser<0>,
-    three: Collapser<3>,
-    five: Collapser<5>,
-    nine: Collapser<9>,
+    four: Collapser<1>,
+    eight: Collapser<2>,
+    twelve: Collapser<3>,
     court: Court,
     origins: Vec<[f32; 3]>,
     clusterizer: Clusterizer,
@@ -121,18 +121,18 @@ impl Workspace {
         let Self {
             mesh,
             plain,
-            three,
-            five,
-            nine,
+            four,
+            eight,
+            twelve,
             court,
             origins,
             clusterizer,
         } = self;
         let result = match attribute_count(job.grids.attributes) {
             0 => collapse(plain, mesh, court, origins, job, target),
-            1..=3 => collapse(three, mesh, court, origins, job, target),
-            4..=5 => collapse(five, mesh, court, origins, job, target),
-            _ => collapse(nine, mesh, court, origins, job, target),
+            1..=4 => collapse(four, mesh, court, origins, job, target),
+            5..=8 => collapse(eight, mesh, court, origins, job, target),
+            _ => collapse(twelve, mesh, court, origins, job, target),
         };
         let result = match result {
             Some(result) => result,
@@ -188,8 +188,8 @@ fn margin(distance: f64) -> f64 {
     }
 }
 
-fn collapse<const K: usize>(
-    state: &mut Collapser<K>,
+fn collapse<const L: usize>(
+    state: &mut Collapser<L>,
     mesh: &mut GroupMesh,
     court: &mut Court,
     origins: &mut Vec<[f32; 3]>,

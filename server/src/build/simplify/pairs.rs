@@ -2,6 +2,7 @@
 
 use super::collapse::{Collapser, Freedom, NONE};
 use super::group::GroupMesh;
+use super::quadric::sum;
 
 /// Most vertices of a place that are told apart.
 const MOST_WEDGES: usize = 16;
@@ -10,7 +11,7 @@ const MOST_WEDGES: usize = 16;
 /// triangle.
 pub(super) type Pairs = ([[u16; 2]; MOST_WEDGES], usize, usize);
 
-impl<const K: usize> Collapser<K> {
+impl<const L: usize> Collapser<L> {
     /// The vertex of `to` in some triangle that it shares with `from`.
     pub(super) fn partner(&self, from: u16, to: u16) -> Option<u16> {
         self.star(from).find_map(|(triangle, _)| {
@@ -31,6 +32,11 @@ impl<const K: usize> Collapser<K> {
         freedom: Freedom,
     ) -> Option<Pairs> {
         let mut pairs = [[NONE; 2]; MOST_WEDGES];
+        let alone = [from, to].map(|place| self.only[place as usize]);
+        if !alone.contains(&NONE) {
+            pairs[0] = alone;
+            return Some((pairs, 1, 1));
+        }
         let mut count = 0;
         for (triangle, k) in self.star(from) {
             let vertices = self.corners[triangle];
@@ -101,9 +107,13 @@ impl<const K: usize> Collapser<K> {
         let mut vertex = first;
         loop {
             if fit(vertex) {
-                let away: f32 = match K {
+                let away: f32 = match L {
                     0 => 0.0,
-                    _ => self.change(own, vertex).iter().map(|x| x * x).sum(),
+                    _ => sum(self
+                        .change(own, vertex)
+                        .iter()
+                        .map(|four| four * four)
+                        .sum()),
                 };
                 if best.is_none_or(|(least, _)| away < least) {
                     best = Some((away, vertex));

@@ -12,13 +12,14 @@ const HOLD: f32 = 1e-3;
 const FARTHEST: f32 = 0.5;
 
 /// Moves places that something collapsed onto; seams, open edges and locked places stay.
-pub(super) fn place<const K: usize>(
-    state: &mut Collapser<K>,
+pub(super) fn place<const L: usize>(
+    state: &mut Collapser<L>,
     mesh: &mut GroupMesh,
     grids: &Grids,
     weights: &Weights,
 ) {
     let uv_base = mesh.uv_base();
+    let mut star: Vec<[[f32; 3]; 2]> = Vec::new();
     for place in 0..mesh.positions.len() {
         let here = place as u16;
         let vertex = mesh.welder.first_vertex(place as u32) as usize;
@@ -27,23 +28,21 @@ pub(super) fn place<const K: usize>(
             continue;
         }
         let mut quadric = state.quadrics[place];
-        if K > 0 {
+        if L > 0 {
             quadric.add(&state.attribute_quadrics[vertex].following());
         }
         let Some(mut offset) = least(&quadric) else {
             continue;
         };
         let at = mesh.positions[place];
-        let star: Vec<[[f32; 3]; 2]> = state
-            .star(here)
-            .map(|(triangle, k)| {
-                let vertices = state.corners[triangle];
-                [1, 2].map(|step| {
-                    let vertex = vertices[(k + step) % 3] as usize;
-                    mesh.positions[mesh.welder.place_of[vertex] as usize]
-                })
+        star.clear();
+        star.extend(state.star(here).map(|(triangle, k)| {
+            let vertices = state.corners[triangle];
+            [1, 2].map(|step| {
+                let vertex = vertices[(k + step) % 3] as usize;
+                mesh.positions[mesh.welder.place_of[vertex] as usize]
             })
-            .collect();
+        }));
         let nearest = star.iter().flatten().map(|&other| {
             let side = sub(other, at);
             dot(side, side)
@@ -61,10 +60,10 @@ pub(super) fn place<const K: usize>(
         {
             continue;
         }
-        if K > 0 {
+        if L > 0 {
             let change = state.attribute_quadrics[vertex].best_change(sub(moved, at));
             let own = &mut state.attributes[vertex];
-            (0..K).for_each(|k| own[k] += change[k]);
+            (0..L).for_each(|k| own[k] += change[k]);
             let value = *own;
             mesh.set_attributes(grids, weights, uv_base, vertex, &value);
         }
@@ -75,7 +74,7 @@ pub(super) fn place<const K: usize>(
 
 /// Where a quadric is least, held a little at its own point; `None` where it says nothing.
 fn least(quadric: &Quadric) -> Option<[f32; 3]> {
-    let [xx, yy, zz, xy, xz, yz] = quadric.a.map(f64::from);
+    let [xx, yy, zz, xy, xz, yz] = quadric.matrix().map(f64::from);
     let hold = HOLD as f64 * (xx + yy + zz) / 3.0;
     let (xx, yy, zz) = (xx + hold, yy + hold, zz + hold);
     // Adjugate over determinant, in f64: the matrix may be nearly singular.
@@ -91,7 +90,7 @@ fn least(quadric: &Quadric) -> Option<[f32; 3]> {
     if determinant.is_nan() || determinant <= 0.0 {
         return None;
     }
-    let [x, y, z] = quadric.b.map(|value| -(value as f64) / determinant);
+    let [x, y, z] = quadric.linear().map(|value| -(value as f64) / determinant);
     let offset = [
         cofactors[0] * x + cofactors[1] * y + cofactors[2] * z,
         cofactors[1] * x + cofactors[3] * y + cofactors[4] * z,

@@ -2,7 +2,7 @@
 
 use super::super::borders::{FREE, LOCKED, OPEN};
 use super::super::vertex::Grids;
-use super::collapse::{BOUND, Candidate, Collapser, NONE, may_move};
+use super::collapse::{Candidate, Collapser, Freedom, NONE};
 use super::group::{GroupMesh, Weights};
 use super::pairs::seam;
 use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
@@ -24,7 +24,7 @@ pub(super) struct Around {
     pub(super) triangle: u16,
 }
 
-impl<const K: usize> Collapser<K> {
+impl<const L: usize> Collapser<L> {
     /// Sets up the connectivity and the quadrics of a group.
     pub fn start(&mut self, mesh: &GroupMesh, grids: &Grids, weights: &Weights) {
         let places = mesh.positions.len();
@@ -52,11 +52,11 @@ impl<const K: usize> Collapser<K> {
             &mut self.attribute_quadrics,
             std::iter::repeat_n(
                 AttributeQuadric::default(),
-                if K > 0 { vertices } else { 0 },
+                if L > 0 { vertices } else { 0 },
             ),
         );
         let uv_base = mesh.uv_base();
-        let attributes = if K > 0 { vertices } else { 0 };
+        let attributes = if L > 0 { vertices } else { 0 };
         refill(
             &mut self.attributes,
             (0..attributes).map(|vertex| mesh.attributes(grids, weights, uv_base, vertex)),
@@ -84,6 +84,10 @@ impl<const K: usize> Collapser<K> {
             &mut self.ring,
             (0..mesh.welder.vertices.len()).map(|vertex| vertex as u16),
         );
+        refill(
+            &mut self.only,
+            std::iter::repeat_n(NONE, mesh.positions.len()),
+        );
         for place in 0..mesh.positions.len() as u32 {
             let mut all = mesh.welder.vertices_at(place);
             let Some(first) = all.next() else { continue };
@@ -93,6 +97,7 @@ impl<const K: usize> Collapser<K> {
                 last = vertex;
             }
             self.ring[last as usize] = first as u16;
+            self.only[place as usize] = if last == first { first as u16 } else { NONE };
         }
     }
 
@@ -111,10 +116,10 @@ impl<const K: usize> Collapser<K> {
         for place in places {
             // Linear and constant terms are 0: the plane runs through the corner.
             let quadric = &mut self.quadrics[place];
-            (0..6).for_each(|i| quadric.a[i] += plane.a[i]);
+            quadric.add_matrix(&plane);
             quadric.weight += area;
         }
-        if K == 0 {
+        if L == 0 {
             return;
         }
         let longest = dot(ab, ab).max(dot(ac, ac));
@@ -124,23 +129,19 @@ impl<const K: usize> Collapser<K> {
         let duals = [cross(ac, across), cross(across, ab)].map(|v| v.map(|value| value / square));
         let [own, to_b, to_c] = triangle.map(|vertex| &self.attributes[vertex as usize]);
         let steps = [to_b, to_c].map(|to| std::array::from_fn(|k| to[k] - own[k]));
-        let quadric = AttributeQuadric::<K>::triangle(duals, steps, area);
+        let quadric = AttributeQuadric::<L>::triangle(duals, steps, area);
         for vertex in triangle {
-            let sum = &mut self.attribute_quadrics[vertex as usize];
-            (0..6).for_each(|i| sum.base.a[i] += quadric.base.a[i]);
-            sum.base.weight += area;
-            for axis in 0..3 {
-                (0..K).for_each(|k| sum.gradient[axis][k] += quadric.gradient[axis][k]);
-            }
+            self.attribute_quadrics[vertex as usize].add(&quadric);
         }
     }
 
     /// Queues every live edge at what it costs at least; the first time, open edges and seams also get their planes.
-    pub(super) fn enqueue(&mut self, mesh: &GroupMesh, first: bool) {
+    pub(super) fn enqueue(&mut self, mesh: &GroupMesh, freedom: Freedom, first: bool) {
         if first {
             self.add_planes(mesh);
         }
         self.candidates.clear();
+        self.costs.clear();
         for (triangle, vertices) in self.corners.iter().enumerate() {
             if !self.alive[triangle] {
                 continue;
@@ -153,24 +154,21 @@ impl<const K: usize> Collapser<K> {
                 if a > b && fixed != [true; 2] {
                     continue;
                 }
-                if may_move(mesh, a, b) || may_move(mesh, b, a) {
+                if let Some((cost, backwards)) = self.cheaper(mesh, [a, b], freedom) {
+                    let age = self.age[a as usize] + self.age[b as usize];
+                    self.costs.push(cost);
                     self.candidates.push(Candidate {
                         ends: [a, b],
-                        age: BOUND,
-                        backwards: false,
+                        age,
+                        backwards,
                         last_chance: false,
                     });
                 }
             }
         }
         self.queue.clear(self.candidates.len());
-        for (number, candidate) in (0..).zip(&self.candidates) {
-            let [a, b] = candidate.ends;
-            let bound = |from, to| match may_move(mesh, from, to) {
-                true => self.distance_cost(mesh, from, to),
-                false => f32::INFINITY,
-            };
-            self.queue.push(number, bound(a, b).min(bound(b, a)));
+        for (number, &cost) in (0..).zip(&self.costs) {
+            self.queue.push(number, cost);
         }
     }
 
@@ -251,8 +249,7 @@ impl<const K: usize> Collapser<K> {
         let weight = if open { OPEN_EDGE_WEIGHT } else { SEAM_WEIGHT };
         let plane = Quadric::plane(unit, weight * dot(side, side));
         for place in [a, b] {
-            let quadric = &mut self.quadrics[place];
-            (0..6).for_each(|i| quadric.a[i] += plane.a[i]);
+            self.quadrics[place].add_matrix(&plane);
         }
     }
 }

@@ -14,7 +14,7 @@ use super::super::cluster::Witness;
 use super::super::triangle_tree::TriangleTree;
 use super::collapse::Collapser;
 use super::group::GroupMesh;
-use super::nearest::{middle, sure, to_segment, to_triangle};
+use super::nearest::{Patch, middle, to_segment};
 use super::quadric::{dot, sub};
 
 /// A witness nearer than this share of the farthest one is not handed on.
@@ -42,45 +42,33 @@ pub(in super::super) struct Testimony {
 pub(super) struct Court {
     /// Farthest witness of each triangle and its squared distance.
     farthest: Vec<(f32, [i32; 3])>,
-    seen: Vec<u32>,
-    now: u32,
-    /// First corner at each place of the group as it was, and the next of each.
-    head: Vec<u16>,
-    next: Vec<u16>,
     loose: Vec<bool>,
     /// Where each place went.
     went: Vec<u16>,
-    /// Corners of what is left, and of the group as it was.
-    left: Vec<[[f32; 3]; 3]>,
-    old: Vec<[[f32; 3]; 3]>,
+    /// What is left, and the group as it was.
+    left: Patch,
+    old: Patch,
 }
-
-const NONE: u16 = u16::MAX;
 
 impl Court {
     /// Hears every place that went, every place that moved from its `origins`, and every witness handed on.
-    pub fn hear<const K: usize>(
+    pub fn hear<const L: usize>(
         &mut self,
-        state: &Collapser<K>,
+        state: &Collapser<L>,
         mesh: &GroupMesh,
         origins: &[[f32; 3]],
     ) -> Testimony {
-        self.farthest.clear();
-        self.farthest.resize(mesh.triangles.len(), (-1.0, [0; 3]));
-        self.seen.clear();
-        self.seen.resize(mesh.triangles.len(), 0);
-        self.now = 0;
         self.went.clear();
         self.went
             .extend((0..origins.len()).map(|place| state.find(place as u16)));
-        self.left.clear();
-        self.old.clear();
-        for (&vertices, &alive) in state.corners.iter().zip(&state.alive) {
-            if alive {
-                let places = mesh.places(vertices);
-                self.left.push(places.map(|place| mesh.positions[place]));
-            }
-        }
+        let left = state.corners.iter().zip(&state.alive);
+        let left = left.filter(|&(_, &alive)| alive);
+        self.left.set(
+            &mesh.positions,
+            left.map(|(&vertices, _)| mesh.places(vertices).map(|place| place as u16)),
+        );
+        self.farthest.clear();
+        self.farthest.resize(state.live, (-1.0, [0; 3]));
         let mut worst = 0.0f32;
         let mut lost: Vec<[i32; 3]> = Vec::new();
         for place in loosest_first(state, &self.went) {
@@ -94,9 +82,8 @@ impl Court {
                     continue;
                 }
             }
-            match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
-                Some((squared, triangle)) => {
-                    let mut squared = sure(&self.left, at, squared, worst);
+            match self.left.nearest(at, &[went_to], ENOUGH * worst, worst) {
+                Some((mut squared, triangle)) => {
                     if !stayed && mesh.rules[place] == OPEN {
                         squared = squared.max(to_open_edge(state, mesh, at, went_to));
                     }
@@ -119,9 +106,8 @@ impl Court {
                 away(a).total_cmp(&away(b))
             });
             let went_to = self.went[near.unwrap_or(0)];
-            match self.nearest(state, mesh, at, went_to, ENOUGH * worst) {
+            match self.left.nearest(at, &[went_to], ENOUGH * worst, worst) {
                 Some((squared, triangle)) => {
-                    let squared = sure(&self.left, at, squared, worst);
                     worst = worst.max(squared);
                     if squared > HANDED_ON * HANDED_ON * worst {
                         self.keep(triangle, squared, witness.position);
@@ -132,11 +118,11 @@ impl Court {
         }
         let mut vanished = 0.0;
         if !lost.is_empty() {
-            vanished = self.search(state, mesh, &lost);
+            vanished = self.search(mesh, &lost);
             worst = worst.max(vanished);
         }
         self.find_loose(state, mesh, origins, worst);
-        let worst = self.old_edges(state, mesh, origins, worst);
+        let worst = self.old_edges(mesh, origins, worst);
         let step = self.new_triangles(state, mesh, origins, worst);
         let least = HANDED_ON * HANDED_ON * worst;
         let mut testimony = Testimony {
@@ -145,26 +131,18 @@ impl Court {
             lost: vanished.sqrt(),
             witnesses: Vec::new(),
         };
-        let mut number = 0;
-        for (triangle, &(squared, position)) in self.farthest.iter().enumerate() {
-            if !state.alive[triangle] {
-                continue;
-            }
+        for (triangle, &(squared, position)) in (0..).zip(&self.farthest) {
             if squared > least && squared > 0.0 {
-                testimony.witnesses.push(Witness {
-                    position,
-                    triangle: number,
-                });
+                testimony.witnesses.push(Witness { position, triangle });
             }
-            number += 1;
         }
         testimony
     }
 
     /// Marks the places that are left whose quadrics promise an error near the largest one.
-    fn find_loose<const K: usize>(
+    fn find_loose<const L: usize>(
         &mut self,
-        state: &Collapser<K>,
+        state: &Collapser<L>,
         mesh: &GroupMesh,
         origins: &[[f32; 3]],
         worst: f32,
@@ -178,13 +156,7 @@ impl Court {
     }
 
     /// Largest squared distance, `worst` at least, of the middles of the group's old edges to what is left.
-    fn old_edges<const K: usize>(
-        &mut self,
-        state: &Collapser<K>,
-        mesh: &GroupMesh,
-        origins: &[[f32; 3]],
-        mut worst: f32,
-    ) -> f32 {
+    fn old_edges(&mut self, mesh: &GroupMesh, origins: &[[f32; 3]], mut worst: f32) -> f32 {
         for &triangle in &mesh.triangles {
             let places = mesh.places(triangle);
             for side in 0..3 {
@@ -198,8 +170,8 @@ impl Court {
                     continue;
                 }
                 let at = middle(origins[a], origins[b]);
-                if let Some((squared, _)) = self.nearest(state, mesh, at, ends[0], worst) {
-                    worst = worst.max(sure(&self.left, at, squared, worst));
+                if let Some((squared, _)) = self.left.nearest(at, &ends[..1], worst, worst) {
+                    worst = worst.max(squared);
                 }
             }
         }
@@ -208,93 +180,39 @@ impl Court {
 
     /// Largest squared distance of samples of the loose triangles to the group as it was; what is less than a share of
     /// `worst` is not looked at further.
-    fn new_triangles<const K: usize>(
+    fn new_triangles<const L: usize>(
         &mut self,
-        state: &Collapser<K>,
+        state: &Collapser<L>,
         mesh: &GroupMesh,
         origins: &[[f32; 3]],
         worst: f32,
     ) -> f32 {
-        self.index(mesh);
-        for &vertices in &mesh.triangles {
-            let places = mesh.places(vertices);
-            self.old.push(places.map(|place| origins[place]));
-        }
+        let places = |&vertices: &[u16; 3]| mesh.places(vertices).map(|place| place as u16);
+        self.old.set(origins, mesh.triangles.iter().map(places));
         let mut step = 0.0f32;
         for triangle in 0..state.corners.len() {
             let places = mesh.places(state.corners[triangle]);
             if !state.alive[triangle] || !places.iter().any(|&place| self.loose[place]) {
                 continue;
             }
-            let [a, b, c] = places.map(|place| mesh.positions[place]);
+            let corners = places.map(|place| mesh.positions[place]);
+            let [a, b, c] = corners;
             let center = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
-            let enough = (ENOUGH * worst).max(step);
-            step = step.max(self.nearest_old(mesh, origins, center, places[0], enough));
+            let mut look_at = |at: [f32; 3], place: usize| {
+                let enough = (ENOUGH * worst).max(step);
+                if let Some((squared, _)) = self.old.nearest(at, &[place as u16], enough, enough) {
+                    step = step.max(squared);
+                }
+            };
+            look_at(center, places[0]);
             for side in 0..3 {
-                let (from, to) = (places[side], places[(side + 1) % 3]);
-                if from < to {
-                    let at = middle(mesh.positions[from], mesh.positions[to]);
-                    let enough = (ENOUGH * worst).max(step);
-                    step = step.max(self.nearest_old(mesh, origins, at, from, enough));
+                let next = (side + 1) % 3;
+                if places[side] < places[next] {
+                    look_at(middle(corners[side], corners[next]), places[side]);
                 }
             }
         }
         step
-    }
-
-    fn index(&mut self, mesh: &GroupMesh) {
-        self.head.clear();
-        self.head.resize(mesh.positions.len(), NONE);
-        self.next.clear();
-        self.next.resize(3 * mesh.triangles.len(), NONE);
-        for (triangle, &vertices) in mesh.triangles.iter().enumerate() {
-            for (k, place) in mesh.places(vertices).into_iter().enumerate() {
-                self.next[3 * triangle + k] = self.head[place];
-                self.head[place] = (3 * triangle + k) as u16;
-            }
-        }
-    }
-
-    /// As [`Court::nearest`], to the triangles that the group had.
-    fn nearest_old(
-        &mut self,
-        mesh: &GroupMesh,
-        origins: &[[f32; 3]],
-        at: [f32; 3],
-        place: usize,
-        enough: f32,
-    ) -> f32 {
-        self.now += 1;
-        let mut best = (f32::INFINITY, 0usize);
-        let (mut around, mut count) = ([place; 3], 1);
-        loop {
-            let before = best.0;
-            for &place in &around[..count] {
-                let mut corner = self.head[place];
-                while corner != NONE {
-                    let triangle = corner as usize / 3;
-                    corner = self.next[corner as usize];
-                    if self.seen[triangle] == self.now {
-                        continue;
-                    }
-                    self.seen[triangle] = self.now;
-                    let corners = mesh
-                        .places(mesh.triangles[triangle])
-                        .map(|place| origins[place]);
-                    let squared = to_triangle(at, &corners, best.0);
-                    if squared < best.0 {
-                        best = (squared, triangle);
-                        if squared <= enough {
-                            return squared;
-                        }
-                    }
-                }
-            }
-            if best.0 >= before {
-                return sure(&self.old, at, best.0, enough);
-            }
-            (around, count) = (mesh.places(mesh.triangles[best.1]), 3);
-        }
     }
 
     fn keep(&mut self, triangle: usize, squared: f32, position: [i32; 3]) {
@@ -304,85 +222,19 @@ impl Court {
         }
     }
 
-    /// Squared distance to the nearest triangle found round `place`, going on from triangle to triangle as long as that
-    /// brings it nearer; `None` where nothing is left there.
-    fn nearest<const K: usize>(
-        &mut self,
-        state: &Collapser<K>,
-        mesh: &GroupMesh,
-        at: [f32; 3],
-        place: u16,
-        enough: f32,
-    ) -> Option<(f32, usize)> {
-        self.now += 1;
-        let mut best: Option<(f32, usize)> = None;
-        self.visit(state, mesh, at, place, enough, &mut best);
-        loop {
-            let (squared, triangle) = best?;
-            if squared <= enough {
-                return best;
-            }
-            for vertex in state.corners[triangle] {
-                let place = mesh.welder.place_of[vertex as usize] as u16;
-                self.visit(state, mesh, at, place, enough, &mut best);
-            }
-            if best.is_none_or(|(nearer, _)| nearer >= squared) {
-                return best;
-            }
-        }
-    }
-
-    fn visit<const K: usize>(
-        &mut self,
-        state: &Collapser<K>,
-        mesh: &GroupMesh,
-        at: [f32; 3],
-        place: u16,
-        enough: f32,
-        best: &mut Option<(f32, usize)>,
-    ) {
-        for (triangle, _) in state.star(place) {
-            if self.seen[triangle] == self.now {
-                continue;
-            }
-            self.seen[triangle] = self.now;
-            let corners = mesh
-                .places(state.corners[triangle])
-                .map(|place| mesh.positions[place]);
-            let least = best.map_or(f32::INFINITY, |(least, _)| least);
-            let squared = to_triangle(at, &corners, least);
-            if squared < least || best.is_none() {
-                *best = Some((squared, triangle));
-                if squared <= enough {
-                    return;
-                }
-            }
-        }
-    }
-
     /// Largest squared distance of points whose part of the surface vanished, to anything that is left; they too are handed on.
-    fn search<const K: usize>(
-        &mut self,
-        state: &Collapser<K>,
-        mesh: &GroupMesh,
-        lost: &[[i32; 3]],
-    ) -> f32 {
-        let alive: Vec<usize> = (0..state.corners.len())
-            .filter(|&triangle| state.alive[triangle])
-            .collect();
-        let left: Vec<[u32; 3]> = alive
-            .iter()
-            .map(|&triangle| {
-                let places = mesh.places(state.corners[triangle]);
-                places.map(|place| place as u32)
-            })
+    fn search(&mut self, mesh: &GroupMesh, lost: &[[i32; 3]]) -> f32 {
+        let left: Vec<[u32; 3]> = self
+            .left
+            .triangles()
+            .map(|places| places.map(u32::from))
             .collect();
         let tree = TriangleTree::new(&mesh.positions, &left);
         let mut worst = 0.0f32;
         for &position in lost {
             if let Some((squared, number)) = tree.nearest(mesh.local(position).map(f64::from)) {
                 worst = worst.max(squared as f32);
-                self.keep(alive[number as usize], squared as f32, position);
+                self.keep(number as usize, squared as f32, position);
             }
         }
         worst
@@ -418,8 +270,8 @@ pub(super) fn after_merge(
 }
 
 /// Squared distance to the nearest open edge at `place`; 0 where there is none.
-fn to_open_edge<const K: usize>(
-    state: &Collapser<K>,
+fn to_open_edge<const L: usize>(
+    state: &Collapser<L>,
     mesh: &GroupMesh,
     at: [f32; 3],
     place: u16,
@@ -443,7 +295,7 @@ fn to_open_edge<const K: usize>(
 
 /// Places in their order, but those first that went where the quadrics say that the surface lies loosest: they set the scale
 /// early.
-fn loosest_first<const K: usize>(state: &Collapser<K>, went: &[u16]) -> Vec<usize> {
+fn loosest_first<const L: usize>(state: &Collapser<L>, went: &[u16]) -> Vec<usize> {
     let mean = |place: usize| {
         let quadric = &state.quadrics[place];
         match went[place] as usize == place && quadric.weight > 0.0 {
