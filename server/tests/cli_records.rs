@@ -423,8 +423,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            2,
-            "277154f65536c78bfff940357e1a9f6034e6ce22b7f744b8f5159408aaa7779b"
+            3,
+            "a68524839bef7cc54c2df85dae153782cac8931b2383e3a215af64c67d93441f"
         ),
     );
 }

@@ -26,9 +26,12 @@ struct Counts {
     witnesses: u32,
 }
 
-const COUNT_WORDS: usize = size_of::<Counts>() / 4;
+/// Arrays of a cluster.
+pub(super) const TABLES: usize = size_of::<Counts>() / 4;
 const VERTEX_WORDS: usize = size_of::<Vertex>() / 4;
 const WITNESS_WORDS: usize = size_of::<Witness>() / 4;
+/// Words of an entry of each array.
+pub(super) const RECORD_WORDS: [usize; TABLES] = [VERTEX_WORDS, 1, 1, 1, WITNESS_WORDS];
 
 /// What is left of the run of words that a cluster was written to.
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +49,7 @@ pub(super) struct ClusterView<'a> {
 impl<'a> ClusterView<'a> {
     /// Reads what [`write`] wrote.
     pub fn new(words: &'a [u32]) -> Self {
-        let (counts, words) = words.split_at(COUNT_WORDS);
+        let (counts, words) = words.split_at(TABLES);
         let counts: &Counts = &bytemuck::cast_slice(counts)[0];
         let (vertices, words) = words.split_at(counts.vertices as usize * VERTEX_WORDS);
         let (triangles, words) = words.split_at(counts.triangles as usize);
@@ -107,7 +110,7 @@ pub(super) fn write(view: &ClusterView, words: &mut Vec<u32>) {
 }
 
 /// What stays in memory of every cluster.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ClusterInfo {
     /// Run of words in the store.
     pub blob: u32,

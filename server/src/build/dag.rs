@@ -8,12 +8,12 @@ use rayon::prelude::*;
 
 use super::borders::{Borders, ChunkBounds};
 use super::bounds;
-use super::cluster::{Birth, ClusterInfo, ClusterView};
-use super::clusterize::Clusters;
+use super::cluster::{self, Birth, ClusterInfo, ClusterView};
 use super::error::BuildError;
+use super::packed::{Packed, unpack};
 use super::partition::{self, LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, chunks};
-use super::simplify::{Job, Placement, Simplified, Workspace};
-use super::store::{Part, Store};
+use super::simplify::{Job, Placement, Workspace};
+use super::store::Store;
 use super::vertex::Grids;
 
 /// A round that leaves more of the triangles than this made no headway.
@@ -71,7 +71,7 @@ impl Dag {
     }
 
     /// Appends clusters; gives the number of the first.
-    pub fn add(&mut self, made: Clusters, child_group: u32) -> Result<u32, BuildError> {
+    pub fn add(&mut self, made: Packed, child_group: u32) -> Result<u32, BuildError> {
         let first = self.clusters.len() as u32;
         let blob = self.store.put(made.words)?;
         self.clusters
@@ -205,7 +205,8 @@ impl Dag {
         let error_metres = bounds::parent_error(&births, &simplified, &lod_sphere);
         (plan.on_triangles)(self.triangles_of(members));
         Some(Replacement {
-            simplified,
+            clusters: Packed::new(&simplified.clusters),
+            open_edges_moved: simplified.open_edges_moved,
             birth: Birth {
                 error_metres,
                 lod_sphere,
@@ -213,12 +214,26 @@ impl Dag {
         })
     }
 
-    /// Words of some clusters.
-    pub fn parts(&self, clusters: &[u32]) -> Result<Vec<Part>, BuildError> {
+    /// Number of clusters in each run of the store.
+    pub fn clusters_of_blobs(&self) -> Vec<u32> {
+        let blobs = self
+            .clusters
+            .last()
+            .map_or(0, |last| last.blob as usize + 1);
+        let mut counts = vec![0; blobs];
+        for info in &self.clusters {
+            counts[info.blob as usize] += 1;
+        }
+        counts
+    }
+
+    /// Words of some clusters, as [`ClusterView`] reads them.
+    pub fn parts(&self, clusters: &[u32]) -> Result<Vec<Vec<u32>>, BuildError> {
         let part = |&cluster: &u32| {
             let info = &self.clusters[cluster as usize];
             let (first, words) = (info.first_word as usize, info.words as usize);
-            self.store.part(info.blob, first, words)
+            let packed = self.store.part(info.blob, first, words)?;
+            Ok(unpack(&packed, cluster::RECORD_WORDS))
         };
         clusters.iter().map(part).collect()
     }
@@ -256,20 +271,20 @@ impl Dag {
         round: u32,
         next: &mut Vec<u32>,
     ) -> Result<(), BuildError> {
-        let Some(Replacement { simplified, birth }) = replacement else {
+        let Some(replacement) = replacement else {
             next.extend(members);
             return Ok(());
         };
-        self.groups_with_moved_open_edges += usize::from(simplified.open_edges_moved);
+        self.groups_with_moved_open_edges += usize::from(replacement.open_edges_moved);
         let child_group = self.groups.len() as u32;
         self.groups.push(Group {
             level: self.level(&members),
             members,
             round,
-            lod_sphere: birth.lod_sphere,
-            parent_error_metres: birth.error_metres,
+            lod_sphere: replacement.birth.lod_sphere,
+            parent_error_metres: replacement.birth.error_metres,
         });
-        let first = self.add(simplified.clusters, child_group)?;
+        let first = self.add(replacement.clusters, child_group)?;
         next.extend(first..self.clusters.len() as u32);
         Ok(())
     }
@@ -277,7 +292,7 @@ impl Dag {
     /// Makes groups of what is left.
     fn add_roots(&mut self, plan: Plan, pool: &[u32], round: u32) -> Result<(), BuildError> {
         for chunk in chunks(&self.clusters, pool, round) {
-            let parts: Vec<Part> = self.parts(&chunk)?;
+            let parts = self.parts(&chunk)?;
             let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
             let groups = partition::partition(&views, &Borders::new(&views), LARGE_GROUP_CLUSTERS);
             for group in groups {
@@ -301,6 +316,7 @@ impl Dag {
 
 /// Clusters that replace a group.
 struct Replacement {
-    simplified: Simplified,
+    clusters: Packed,
+    open_edges_moved: bool,
     birth: Birth,
 }

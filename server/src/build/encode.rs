@@ -36,12 +36,12 @@ pub(super) struct Facts {
     pub source_triangles: u64,
 }
 
-/// Encodes pages and hierarchy; the pack lies in `scratch` where a folder is given. Fails only where what was built breaks
+/// Encodes pages and hierarchy, and lets go of the clusters on the way; the pack lies in `scratch` where a folder is given. Fails only where what was built breaks
 /// the format, or the disk is full.
 pub(super) fn encode(
     grids: &Grids,
     facts: Facts,
-    dag: &Dag,
+    dag: &mut Dag,
     pages: &Pages,
     hierarchy: &Hierarchy,
     codec: Codec,
@@ -50,12 +50,13 @@ pub(super) fn encode(
     let mut pack = PackWriter::new(scratch)?;
     let mut entries = Vec::with_capacity(pages.pages.len());
     let mut disk_form_bytes = 0;
+    let mut waiting = dag.clusters_of_blobs();
     let numbered: Vec<usize> = (0..pages.pages.len()).collect();
     for window in numbered.chunks(WINDOW) {
         let frames: Vec<(Vec<u8>, u32, usize)> = window
             .par_iter()
             .map(|&page| {
-                let words = page_words(grids, dag, pages, page)?;
+                let words = page_words(grids, &*dag, pages, page)?;
                 let memory_words = words[disk_form::header_word::MEMORY_WORDS];
                 Ok((frame::encode(&words, codec)?, memory_words, 4 * words.len()))
             })
@@ -68,8 +69,16 @@ pub(super) fn encode(
                 hash: ContentHash::of(&frame),
                 dependencies: pages.dependencies[page].clone(),
             });
-            pack.append(&frame)?;
+            pack.append(frame)?;
             disk_form_bytes += bytes as u64;
+            for &cluster in &pages.clusters[pages.pages[page].clone()] {
+                let blob = dag.clusters[cluster as usize].blob;
+                let left = &mut waiting[blob as usize];
+                *left -= 1;
+                if *left == 0 {
+                    dag.store.forget(blob);
+                }
+            }
         }
     }
     let (pack, pack_hash) = pack.finish()?;

@@ -2,9 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::clusterize::{Clusterizer, Clusters, Surface};
+use super::clusterize::{Clusterizer, Surface};
 use super::error::BuildError;
-use super::scatter::{Block, Buckets};
+use super::packed::{Packed, unpack};
+use super::scatter::{self, Block, Buckets};
 use super::store::Store;
 use super::vertex::{Vertex, Welder};
 
@@ -12,7 +13,7 @@ use super::vertex::{Vertex, Welder};
 pub(super) fn leaves(
     buckets: &Buckets,
     blocks: &mut Store,
-    mut keep: impl FnMut(Clusters) -> Result<(), BuildError>,
+    mut keep: impl FnMut(Packed) -> Result<(), BuildError>,
 ) -> Result<u64, BuildError> {
     let mut collapsed = 0;
     let (mut any, mut first) = (false, None);
@@ -42,14 +43,14 @@ pub(super) fn leaves(
             triangles: &[[0, 1, 2]],
             witnesses: &[],
         };
-        keep(Clusterizer::default().clusterize(&surface, 0))?;
+        keep(Packed::new(&Clusterizer::default().clusterize(&surface, 0)))?;
     }
     Ok(collapsed)
 }
 
 /// What a bucket became.
 struct Made {
-    clusters: Clusters,
+    clusters: Packed,
     /// Triangles with two corners at one place, left out.
     collapsed: u64,
     first_collapsed: Option<([Vertex; 3], u16)>,
@@ -70,8 +71,8 @@ impl Workspace {
     fn bucket(&mut self, runs: &[u32], blocks: &Store) -> Result<Made, BuildError> {
         let runs: Vec<_> = runs
             .iter()
-            .map(|&run| blocks.get(run))
-            .collect::<Result<_, _>>()?;
+            .map(|&run| Ok(unpack(&*blocks.get(run)?, scatter::RECORD_WORDS)))
+            .collect::<Result<_, BuildError>>()?;
         let count = runs.iter().map(|words| Block::new(words).vertices.len());
         self.welder.clear(count.sum());
         self.triangles.clear();
@@ -115,7 +116,7 @@ impl Workspace {
             witnesses: &[],
         };
         Ok(Made {
-            clusters: self.clusterizer.clusterize(&surface, 0),
+            clusters: Packed::new(&self.clusterizer.clusterize(&surface, 0)),
             collapsed,
             first_collapsed,
         })

@@ -23,6 +23,7 @@ mod leaves;
 mod measure;
 mod meshopt_seam;
 mod pack;
+mod packed;
 mod paginate;
 mod partition;
 mod report;
@@ -160,7 +161,7 @@ pub fn build_at(
     let encoded = encode::encode(
         &grids,
         facts,
-        &dag,
+        &mut dag,
         &pages,
         &hierarchy,
         options.codec,

@@ -15,9 +15,42 @@ use super::error::BuildError;
 #[derive(Debug)]
 pub enum Pack {
     /// In memory.
-    Memory(Vec<u8>),
+    Memory(Frames),
     /// In a file that goes when this does.
     File(tempfile::NamedTempFile),
+}
+
+/// Frames that lie apart: each takes the room of clusters that it lets go of, where one long run would need its own.
+#[derive(Debug, Default)]
+pub struct Frames {
+    frames: Vec<Box<[u8]>>,
+    /// First byte of each.
+    starts: Vec<u64>,
+}
+
+impl Frames {
+    /// All of them in a row.
+    pub fn concat(self) -> Vec<u8> {
+        self.frames.concat()
+    }
+
+    fn push(&mut self, start: u64, frame: Vec<u8>) {
+        self.starts.push(start);
+        self.frames.push(frame.into());
+    }
+
+    fn read(&self, range: Range<u64>) -> Option<Cow<'_, [u8]>> {
+        let first = self.starts.partition_point(|&start| start <= range.start);
+        let first = first.checked_sub(1)?;
+        let skipped = (range.start - self.starts[first]) as usize;
+        let wanted = range.end.checked_sub(range.start)? as usize;
+        if let Some(bytes) = self.frames[first].get(skipped..skipped + wanted) {
+            return Some(Cow::Borrowed(bytes));
+        }
+        let bytes = self.frames[first..].iter().flat_map(|frame| frame.iter());
+        let bytes: Vec<u8> = bytes.skip(skipped).take(wanted).copied().collect();
+        (bytes.len() == wanted).then_some(Cow::Owned(bytes))
+    }
 }
 
 impl Pack {
@@ -27,9 +60,8 @@ impl Pack {
     /// A range outside the pack, or what reading the file says.
     pub fn read(&self, range: Range<u64>) -> std::io::Result<Cow<'_, [u8]>> {
         match self {
-            Self::Memory(bytes) => bytes
-                .get(range.start as usize..range.end as usize)
-                .map(Cow::Borrowed)
+            Self::Memory(frames) => frames
+                .read(range)
                 .ok_or_else(|| std::io::ErrorKind::UnexpectedEof.into()),
             Self::File(file) => {
                 let mut file = File::open(file.path())?;
@@ -52,7 +84,7 @@ pub(super) struct PackWriter {
 impl PackWriter {
     pub fn new(scratch: Option<&Path>) -> Result<Self, BuildError> {
         let pack = match scratch {
-            None => Pack::Memory(Vec::new()),
+            None => Pack::Memory(Frames::default()),
             Some(folder) => Pack::File(
                 tempfile::NamedTempFile::new_in(folder).map_err(|cause| failed(folder, &cause))?,
             ),
@@ -69,14 +101,15 @@ impl PackWriter {
         self.bytes
     }
 
-    pub fn append(&mut self, frame: &[u8]) -> Result<(), BuildError> {
-        self.hasher.update(frame);
+    pub fn append(&mut self, frame: Vec<u8>) -> Result<(), BuildError> {
+        self.hasher.update(&frame);
+        let start = self.bytes;
         self.bytes += frame.len() as u64;
         match &mut self.pack {
-            Pack::Memory(bytes) => bytes.extend_from_slice(frame),
+            Pack::Memory(frames) => frames.push(start, frame),
             Pack::File(file) => {
                 let path: PathBuf = file.path().to_owned();
-                file.write_all(frame)
+                file.write_all(&frame)
                     .map_err(|cause| failed(&path, &cause))?;
             }
         }
@@ -92,5 +125,27 @@ fn failed(path: &Path, cause: &std::io::Error) -> BuildError {
     BuildError::Scratch {
         path: path.to_owned(),
         cause: cause.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_within_and_across_frames() {
+        let mut frames = Frames::default();
+        frames.push(0, vec![0, 1, 2]);
+        frames.push(3, vec![3]);
+        frames.push(4, vec![4, 5, 6, 7]);
+        for start in 0..8u8 {
+            for end in start..=8 {
+                let expected: Vec<u8> = (start..end).collect();
+                let found = frames.read(start as u64..end as u64).map(Cow::into_owned);
+                assert_eq!(found, Some(expected), "{start}..{end}");
+            }
+        }
+        assert_eq!(frames.read(7..9), None);
+        assert_eq!(frames.concat(), (0..8).collect::<Vec<u8>>());
     }
 }

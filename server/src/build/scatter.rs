@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use super::error::BuildError;
+use super::packed::pack;
 use super::split::{ascending, longest_side};
 use super::store::Store;
 use super::survey::{Survey, centroid, unreadable};
@@ -76,11 +77,13 @@ pub(super) struct Block<'a> {
 }
 
 const VERTEX_WORDS: usize = size_of::<Vertex>() / 4;
+/// Words of a record of each table of a block; two slots are one.
+pub(super) const RECORD_WORDS: [usize; 3] = [VERTEX_WORDS, 3, 1];
 
 impl<'a> Block<'a> {
     /// Reads the words of a run.
     pub fn new(words: &'a [u32]) -> Self {
-        let (counts, words) = words.split_at(2);
+        let (counts, words) = words.split_at(RECORD_WORDS.len());
         let (vertices, words) = words.split_at(counts[0] as usize * VERTEX_WORDS);
         let (triangles, materials) = words.split_at(3 * counts[1] as usize);
         Self {
@@ -133,6 +136,7 @@ fn blocks(
     let mut vertices: Vec<Vertex> = Vec::new();
     let mut triangles: Vec<[u32; 3]> = Vec::new();
     let mut materials: Vec<u16> = Vec::new();
+    let (mut words, mut bytes): (Vec<u32>, Vec<u8>) = Default::default();
     for bucket in 0..tree.buckets as u32 {
         let own = starts[bucket as usize] as usize..starts[bucket as usize + 1] as usize;
         if own.is_empty() {
@@ -156,13 +160,16 @@ fn blocks(
         if materials.len() % 2 == 1 {
             materials.push(0);
         }
-        let mut words = Vec::with_capacity(2 + vertices.len() * VERTEX_WORDS + triangles.len() * 4);
-        words.extend([vertices.len() as u32, triangles.len() as u32]);
+        let counts = [vertices.len(), triangles.len(), materials.len() / 2];
+        words.clear();
+        words.extend(counts.map(|count| count as u32));
         words.extend_from_slice(bytemuck::cast_slice(&vertices));
         words.extend_from_slice(bytemuck::cast_slice(&triangles));
         let pairs = materials.as_chunks::<2>().0.iter();
         words.extend(pairs.map(|&pair| bytemuck::cast::<_, u32>(pair)));
-        out.push((bucket, words));
+        let mut packed = Vec::new();
+        pack(&words, RECORD_WORDS, &mut bytes, &mut packed);
+        out.push((bucket, packed));
     }
     out
 }

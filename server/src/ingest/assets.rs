@@ -141,9 +141,9 @@ impl Builder<'_> {
             // What an object names is there before it.
             let library = self.library;
             match pack {
-                Pack::Memory(bytes) => {
+                Pack::Memory(frames) => {
                     library
-                        .put_object(Bytes::from(bytes), RENEW_AFTER_SECS)
+                        .put_object(Bytes::from(frames.concat()), RENEW_AFTER_SECS)
                         .await?;
                 }
                 Pack::File(file) => {

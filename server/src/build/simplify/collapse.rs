@@ -7,14 +7,11 @@
 use super::super::borders::{FREE, LOCKED, OPEN};
 use super::group::GroupMesh;
 use super::pairs::Pairs;
-use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub, sum};
+use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
 use super::queue::Queue;
 use super::setup::Around;
 use glam::Vec4;
 
-/// Share of an edge's length that counts as an error between edges that cost nothing else, so that flat parts keep
-/// triangles of good shape.
-const LENGTH_WEIGHT: f32 = 1e-6;
 /// Square of the cosine between a triangle's normals before and after: beyond 75 degrees it has flipped.
 const FLIP_COSINE_SQUARED: f32 = 0.0625;
 
@@ -62,6 +59,8 @@ pub(super) struct Collapser<const L: usize> {
     pub(super) head: Vec<u16>,
     pub(super) tail: Vec<u16>,
     pub(super) next: Vec<u16>,
+    /// Of each place that has gone, the third corners of two triangles that went with it, or [`NONE`].
+    pub(super) thirds: Vec<[u16; 2]>,
     pub(super) age: Vec<u32>,
     pub(super) quadrics: Vec<Quadric>,
     /// Next vertex of the same place, in a ring.
@@ -102,6 +101,7 @@ impl<const L: usize> Default for Collapser<L> {
             head: Vec::new(),
             tail: Vec::new(),
             next: Vec::new(),
+            thirds: Vec::new(),
             age: Vec::new(),
             quadrics: Vec::new(),
             ring: Vec::new(),
@@ -135,7 +135,7 @@ impl<const L: usize> Collapser<L> {
             };
             let candidate = self.candidates[number as usize];
             let ends = candidate.ends.map(|end| self.find(end));
-            if ends[0] == ends[1] {
+            if ends[0] == ends[1] || self.is_double(candidate.ends, ends) {
                 continue;
             }
             let mut backwards = candidate.backwards;
@@ -173,82 +173,6 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
-    /// The cheaper way to collapse an edge, its cost and whether it is backwards.
-    #[inline]
-    pub(super) fn cheaper(
-        &self,
-        mesh: &GroupMesh,
-        ends: [u16; 2],
-        freedom: Freedom,
-    ) -> Option<(f32, bool)> {
-        let vertices = ends.map(|end| self.only[end as usize]);
-        if vertices[0] == NONE || vertices[1] == NONE {
-            return self.cheaper_of_many(mesh, ends, freedom);
-        }
-        let offset = sub(
-            mesh.positions[ends[1] as usize],
-            mesh.positions[ends[0] as usize],
-        );
-        let length = LENGTH_WEIGHT * dot(offset, offset);
-        let back = offset.map(|x| -x);
-        let [here, there] = ends.map(|end| &self.quadrics[end as usize]);
-        let mut both = here.c + there.c;
-        let mut lanes = [here.lanes(offset), there.lanes(back)];
-        if L > 0 {
-            let change = self.change(vertices[0], vertices[1]);
-            let [here, there] = vertices.map(|vertex| &self.attribute_quadrics[vertex as usize]);
-            both += here.base.c + there.base.c;
-            lanes[0] += here.lanes(offset, &change);
-            lanes[1] += there.lanes(back, &change.map(|x| -x));
-        }
-        let costs = [
-            sum(lanes[0]) + both + length * here.weight,
-            sum(lanes[1]) + both + length * there.weight,
-        ];
-        let may = |from: usize, to: usize| may_move(mesh, ends[from], ends[to]);
-        let costs = [
-            if may(0, 1) { costs[0] } else { f32::INFINITY },
-            if may(1, 0) { costs[1] } else { f32::INFINITY },
-        ];
-        let back = costs[1] < costs[0];
-        let cost = costs[0].min(costs[1]);
-        (cost < f32::INFINITY).then_some((cost, back))
-    }
-
-    fn cheaper_of_many(
-        &self,
-        mesh: &GroupMesh,
-        ends: [u16; 2],
-        freedom: Freedom,
-    ) -> Option<(f32, bool)> {
-        let bound = |backwards: bool| {
-            let [from, to] = turned(ends, backwards);
-            match may_move(mesh, from, to) {
-                true => self.distance_cost(mesh, from, to),
-                false => f32::INFINITY,
-            }
-        };
-        let bounds = [bound(false), bound(true)];
-        let first = bounds[1] < bounds[0];
-        let cost = |backwards: bool| {
-            let [from, to] = turned(ends, backwards);
-            match bounds[usize::from(backwards)] {
-                f32::INFINITY => None,
-                distance => self.with_attributes(mesh, from, to, freedom, distance),
-            }
-        };
-        let own = cost(first);
-        let other_bound = bounds[usize::from(!first)];
-        if own.is_some_and(|own| own <= other_bound) {
-            return own.map(|own| (own, first));
-        }
-        match (own, cost(!first)) {
-            (Some(own), Some(other)) if own <= other => Some((own, first)),
-            (_, Some(other)) => Some((other, !first)),
-            (own, None) => own.map(|own| (own, first)),
-        }
-    }
-
     pub fn find(&self, mut place: u16) -> u16 {
         loop {
             let next = self.moved_to[place as usize];
@@ -259,76 +183,28 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
+    /// Whether another candidate stands for the edge that this one has become: one end's collapse made the edges to the
+    /// third corners of the triangles that went one.
+    fn is_double(&self, before: [u16; 2], ends: [u16; 2]) -> bool {
+        (0..2).any(|side| {
+            let mut place = before[side];
+            while place != ends[side] {
+                let thirds = self.thirds[place as usize];
+                if thirds
+                    .iter()
+                    .any(|&third| third != NONE && self.find(third) == ends[1 - side])
+                {
+                    return true;
+                }
+                place = self.moved_to[place as usize];
+            }
+            false
+        })
+    }
+
     /// Whether something has collapsed onto a place, and it is still there.
     pub fn has_taken(&self, place: u16) -> bool {
         self.moved_to[place as usize] == place && self.age[place as usize] > 0
-    }
-
-    /// What it costs at least to move `from` onto `to`: the attributes come on top.
-    #[inline]
-    pub(super) fn distance_cost(&self, mesh: &GroupMesh, from: u16, to: u16) -> f32 {
-        let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
-        let quadric = &self.quadrics[from as usize];
-        quadric.at(offset)
-            + self.quadrics[to as usize].c
-            + LENGTH_WEIGHT * quadric.weight * dot(offset, offset)
-    }
-
-    /// What it costs to move all of `from` onto `to`; `None` where that is not allowed whatever lies round it.
-    fn cost(&self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> Option<f32> {
-        if !may_move(mesh, from, to) {
-            return None;
-        }
-        let distance = self.distance_cost(mesh, from, to);
-        self.with_attributes(mesh, from, to, freedom, distance)
-    }
-
-    /// The same where the cost of the distance is known.
-    fn with_attributes(
-        &self,
-        mesh: &GroupMesh,
-        from: u16,
-        to: u16,
-        freedom: Freedom,
-        distance: f32,
-    ) -> Option<f32> {
-        let mut cost = distance;
-        let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
-        let first = self.first_vertex(mesh, from);
-        if self.ring[first as usize] == first {
-            // One vertex: any vertex of the other end that shares a triangle with it takes its corners.
-            if L > 0 {
-                let target = self.first_vertex(mesh, to);
-                let target = match self.ring[target as usize] == target {
-                    true => target,
-                    false => self.partner(from, to)?,
-                };
-                cost += self.attribute_cost(offset, first, target);
-            }
-            return Some(cost);
-        }
-        let (pairs, count, _) = self.pairs(mesh, from, to, freedom)?;
-        if L > 0 {
-            for &[own, target] in &pairs[..count] {
-                cost += self.attribute_cost(offset, own, target);
-            }
-        }
-        Some(cost)
-    }
-
-    fn attribute_cost(&self, offset: [f32; 3], own: u16, target: u16) -> f32 {
-        let change = self.change(own, target);
-        let quadric = &self.attribute_quadrics[own as usize];
-        let other = &self.attribute_quadrics[target as usize];
-        sum(quadric.lanes(offset, &change)) + quadric.base.c + other.base.c
-    }
-
-    pub(super) fn change(&self, own: u16, target: u16) -> [Vec4; L] {
-        let (from, to) = (
-            &self.attributes[own as usize],
-            &self.attributes[target as usize],
-        );
-        std::array::from_fn(|k| to[k] - from[k])
     }
 
     pub(super) fn first_vertex(&self, mesh: &GroupMesh, place: u16) -> u16 {
@@ -477,6 +353,7 @@ impl<const L: usize> Collapser<L> {
         if strict && self.pinches(from, to, &opposite[..dying], kept) {
             return None;
         }
+        self.thirds[from as usize] = [opposite[0], opposite[1]];
         self.pairs(mesh, from, to, freedom)
     }
 
@@ -513,7 +390,7 @@ impl<const L: usize> Collapser<L> {
     }
 }
 
-fn turned(ends: [u16; 2], backwards: bool) -> [u16; 2] {
+pub(super) fn turned(ends: [u16; 2], backwards: bool) -> [u16; 2] {
     match backwards {
         true => [ends[1], ends[0]],
         false => ends,

@@ -1,6 +1,7 @@
 //! Simplify: a group's triangles to half as many, what it shares with other groups untouched.
 
 mod collapse;
+mod cost;
 mod group;
 mod material;
 mod merge;

@@ -1,6 +1,6 @@
 //! Nearest: distances from points to triangles near them, in f32, four triangles at a time: what a witness is measured with.
 
-use glam::{BVec4A, Vec4};
+use glam::{BVec4A, Mat4, Vec3, Vec4};
 
 use super::quadric::{dot, sub};
 
@@ -14,7 +14,8 @@ type Four = [[Vec4; 3]; 3];
 #[derive(Debug, Default)]
 pub(super) struct Patch {
     triangles: Vec<[u16; 3]>,
-    corners: Vec<Four>,
+    /// Corners of each; the fourth number is 0.
+    corners: Vec<[Vec4; 3]>,
     /// Where the triangles of each place begin in `around`, and end.
     first: Vec<u16>,
     around: Vec<u16>,
@@ -33,19 +34,9 @@ impl Patch {
         self.seen.resize(count, 0);
         self.query = 0;
         self.corners.clear();
-        for four in self.triangles.chunks(4) {
-            let mut corners = Four::default();
-            for lane in 0..4 {
-                // The last few are filled up with one of them.
-                let triangle = four.get(lane).unwrap_or(&four[0]);
-                set_lane(
-                    &mut corners,
-                    lane,
-                    triangle.map(|place| positions[place as usize]),
-                );
-            }
-            self.corners.push(corners);
-        }
+        let corner = |&place: &u16| Vec3::from(positions[place as usize]).extend(0.0);
+        let corners = |places: &[u16; 3]| places.each_ref().map(corner);
+        self.corners.extend(self.triangles.iter().map(corners));
         // Ends of the lists first; filling them from behind turns these into their beginnings.
         self.first.clear();
         self.first.resize(positions.len() + 1, 0);
@@ -105,8 +96,7 @@ impl Patch {
 
     /// Looks at the triangles at some places that this query has not looked at.
     fn visit(&mut self, at: [f32; 3], places: &[u16], enough: f32, best: &mut (f32, usize)) {
-        let mut corners = Four::default();
-        let mut numbers = [0; 4];
+        let mut four = [usize::MAX; 4];
         let mut count = 0;
         for &place in places {
             let [first, end] = [0, 1].map(|next| self.first[place as usize + next] as usize);
@@ -115,13 +105,10 @@ impl Patch {
                 if std::mem::replace(&mut self.seen[triangle], self.query) == self.query {
                     continue;
                 }
-                let (four, lane) = (&self.corners[triangle / 4], triangle % 4);
-                let own = four.map(|corner| corner.map(|axis| axis[lane]));
-                set_lane(&mut corners, count, own);
-                numbers[count] = triangle;
+                four[count] = triangle;
                 count += 1;
                 if count == 4 {
-                    take_nearest(at, &corners, &numbers, best);
+                    self.take_nearest(at, four, best);
                     if best.0 <= enough {
                         return;
                     }
@@ -130,38 +117,44 @@ impl Patch {
             }
         }
         if count > 0 {
-            // What is left over in the other lanes has been looked at, or is no triangle.
-            take_nearest(at, &corners, &numbers[..count], best);
+            // The other lanes hold triangles that have been looked at, or are filled up with one that is.
+            let own = four[0];
+            four.iter_mut()
+                .filter(|other| **other == usize::MAX)
+                .for_each(|other| *other = own);
+            self.take_nearest(at, four, best);
         }
     }
 
     /// Looks at all triangles.
     fn search(&self, at: [f32; 3], enough: f32, best: &mut (f32, usize)) {
-        for (four, corners) in self.corners.iter().enumerate() {
-            let count = (self.triangles.len() - 4 * four).min(4);
-            let numbers = [0, 1, 2, 3].map(|lane| 4 * four + lane);
-            take_nearest(at, corners, &numbers[..count], best);
+        let last = self.triangles.len() - 1;
+        for first in (0..self.triangles.len()).step_by(4) {
+            self.take_nearest(at, [0, 1, 2, 3].map(|lane| (first + lane).min(last)), best);
             if best.0 <= enough {
                 return;
             }
         }
     }
-}
 
-fn set_lane(four: &mut Four, lane: usize, corners: [[f32; 3]; 3]) {
-    for (four, corner) in four.iter_mut().zip(corners) {
-        (0..3).for_each(|axis| four[axis][lane] = corner[axis]);
-    }
-}
-
-/// Makes the nearest of the triangles in the first lanes the best if it is nearer.
-fn take_nearest(at: [f32; 3], corners: &Four, numbers: &[usize], best: &mut (f32, usize)) {
-    let squared = to_triangles(at, corners).to_array();
-    for (&squared, &number) in squared.iter().zip(numbers) {
-        if squared < best.0 {
-            *best = (squared, number);
+    /// Makes the nearest of four triangles the best if it is nearer.
+    fn take_nearest(&self, at: [f32; 3], four: [usize; 4], best: &mut (f32, usize)) {
+        let squared = to_triangles(at, &gather(four.map(|triangle| &self.corners[triangle])));
+        for (squared, triangle) in squared.to_array().into_iter().zip(four) {
+            if squared < best.0 {
+                *best = (squared, triangle);
+            }
         }
     }
+}
+
+/// Four triangles' corners side by side.
+#[inline(always)]
+fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
+    [0, 1, 2].map(|corner| {
+        let axes = Mat4::from_cols(a[corner], b[corner], c[corner], d[corner]).transpose();
+        [axes.x_axis, axes.y_axis, axes.z_axis]
+    })
 }
 
 /// Squared distances from a point to four triangles (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5).
@@ -237,6 +230,10 @@ mod tests {
         )
     }
 
+    fn four_numbers(corners: [[f32; 3]; 3]) -> [Vec4; 3] {
+        corners.map(|[x, y, z]| Vec4::new(x, y, z, 0.0))
+    }
+
     /// Nearest of many points of a triangle, in f64.
     fn brute(at: [f32; 3], corners: [[f32; 3]; 3]) -> f64 {
         const STEPS: u32 = 64;
@@ -256,9 +253,12 @@ mod tests {
     fn four_distances_are_those_of_sampled_triangles() {
         for number in 0..500 {
             let (at, _) = case(number);
-            let mut four = Four::default();
-            (0..4).for_each(|lane| set_lane(&mut four, lane, case(number + lane as u32).1));
-            for (lane, found) in to_triangles(at, &four).to_array().into_iter().enumerate() {
+            let four = [0, 1, 2, 3].map(|lane| four_numbers(case(number + lane).1));
+            for (lane, found) in to_triangles(at, &gather(four.each_ref()))
+                .to_array()
+                .into_iter()
+                .enumerate()
+            {
                 let expected = brute(at, case(number + lane as u32).1).sqrt();
                 let found = (found as f64).sqrt();
                 // Samples lie up to a step of the longest side apart.
@@ -285,10 +285,8 @@ mod tests {
         for number in 0..200 {
             let (at, _) = case(number);
             let brute = triangles.iter().map(|corners| {
-                let mut four = Four::default();
-                let corners = corners.map(|place| positions[place as usize]);
-                (0..4).for_each(|lane| set_lane(&mut four, lane, corners));
-                to_triangles(at, &four).x
+                let own = four_numbers(corners.map(|place| positions[place as usize]));
+                to_triangles(at, &gather([&own; 4])).x
             });
             let expected = brute.fold(f32::INFINITY, f32::min);
             let found = patch

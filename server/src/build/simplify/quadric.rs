@@ -129,11 +129,19 @@ impl<const L: usize> AttributeQuadric<L> {
         }
     }
 
-    pub fn add(&mut self, other: &Self) {
-        self.base.add(&other.base);
+    /// Adds one triangle of the same point, whose linear and constant terms are 0.
+    #[inline(always)]
+    pub fn add_triangle(&mut self, other: &Self) {
+        self.base.add_matrix(&other.base);
+        self.base.weight += other.base.weight;
         for axis in 0..3 {
             (0..L).for_each(|k| self.gradient[axis][k] += other.gradient[axis][k]);
         }
+    }
+
+    pub fn add(&mut self, other: &Self) {
+        self.add_triangle(other);
+        self.base.c += other.base.c;
         (0..L).for_each(|k| self.difference[k] += other.difference[k]);
     }
 
@@ -240,8 +248,8 @@ mod tests {
         assert!((plane.at(offset) - expected(offset)).abs() < 1e-6);
         let moved = plane.moved(offset);
         let more = [0.1, 0.5, -0.4];
-        let sum = std::array::from_fn(|axis| offset[axis] + more[axis]);
-        assert!((moved.at(more) - expected(sum)).abs() < 1e-6);
+        let total = std::array::from_fn(|axis| offset[axis] + more[axis]);
+        assert!((moved.at(more) - expected(total)).abs() < 1e-6);
 
         // Attributes over the plane z = 0: the first is x, the second 2y.
         let duals = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -258,7 +266,7 @@ mod tests {
         assert!((at(&own, offset, four(change)) - value(offset, change)).abs() < 1e-6);
         let moved = own.moved(offset, &four(change));
         let further = [change[0] + 0.4, change[1] + 0.3];
-        assert!((at(&moved, more, four([0.4, 0.3])) - value(sum, further)).abs() < 1e-6);
+        assert!((at(&moved, more, four([0.4, 0.3])) - value(total, further)).abs() < 1e-6);
         // Where the attributes follow, a linear course costs nothing.
         let best = own.best_change(offset);
         assert!(at(&own, offset, best).abs() < 1e-6);

@@ -41,6 +41,7 @@ impl<const L: usize> Collapser<L> {
         refill(&mut self.head, std::iter::repeat_n(NONE, places));
         refill(&mut self.tail, std::iter::repeat_n(NONE, places));
         refill(&mut self.next, std::iter::repeat_n(NONE, 3 * triangles));
+        refill(&mut self.thirds, std::iter::repeat_n([NONE; 2], places));
         refill(&mut self.age, std::iter::repeat_n(0, places));
         refill(&mut self.stamp, std::iter::repeat_n(0, places));
         refill(
@@ -126,12 +127,14 @@ impl<const L: usize> Collapser<L> {
         if length < NEEDLE * longest {
             return;
         }
-        let duals = [cross(ac, across), cross(across, ab)].map(|v| v.map(|value| value / square));
+        // A step of the grid is 2^-24 at least, so this is 2^96 at most.
+        let over = 1.0 / square;
+        let duals = [cross(ac, across), cross(across, ab)].map(|v| v.map(|value| value * over));
         let [own, to_b, to_c] = triangle.map(|vertex| &self.attributes[vertex as usize]);
         let steps = [to_b, to_c].map(|to| std::array::from_fn(|k| to[k] - own[k]));
         let quadric = AttributeQuadric::<L>::triangle(duals, steps, area);
         for vertex in triangle {
-            self.attribute_quadrics[vertex as usize].add(&quadric);
+            self.attribute_quadrics[vertex as usize].add_triangle(&quadric);
         }
     }
 
