@@ -14,9 +14,6 @@ use lodestream_loadtests::build::stability::{self, Sizes};
 use lodestream_server::build::{BuildOptions, BuiltAsset, build};
 use lodestream_server::import::Mesh;
 
-/// Cases that the builder is known not to hold yet; the list may only shrink.
-const KNOWN_FAULTS: [&str; 1] = ["non-manifold edge"];
-
 fn generated(name: &str) -> (Mesh, BuiltAsset, ClusterDag) {
     let mesh = name.parse::<Generated>().unwrap().mesh();
     let built = build(&mesh, &BuildOptions::default()).unwrap();
@@ -91,8 +88,7 @@ fn every_extreme_case_holds() {
     assert_eq!(table.passed + table.failed, table.rows.len());
     assert!(table.rows.len() >= 20);
     for row in &table.rows {
-        let known = KNOWN_FAULTS.contains(&row.case);
-        assert!(row.passed() || known, "{}: {:?}", row.case, row.faults);
+        assert!(row.passed(), "{}: {:?}", row.case, row.faults);
     }
 }
 

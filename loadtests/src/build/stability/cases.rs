@@ -382,7 +382,7 @@ fn three_sheets() -> Case {
     let mesh = joined(joined(wing(0.0), &wing(1.0 / 3.0)), &wing(2.0 / 3.0));
     built(
         "non-manifold edge",
-        "three sheets that share one side",
+        "three sheets that share one side and lie folded on themselves",
         mesh,
     )
 }

@@ -63,6 +63,10 @@ pub(super) struct Collapser<const L: usize> {
     pub(super) thirds: Vec<[u16; 2]>,
     pub(super) age: Vec<u32>,
     pub(super) quadrics: Vec<Quadric>,
+    /// Sum of the normals round each place, times the areas.
+    pub(super) normals: Vec<[f32; 3]>,
+    /// Whether the surface lies on itself round a place, or round one that has gone there.
+    pub(super) folded: Vec<bool>,
     /// Next vertex of the same place, in a ring.
     pub(super) ring: Vec<u16>,
     /// The vertex of each place that has one, or [`NONE`].
@@ -104,6 +108,8 @@ impl<const L: usize> Default for Collapser<L> {
             thirds: Vec::new(),
             age: Vec::new(),
             quadrics: Vec::new(),
+            normals: Vec::new(),
+            folded: Vec::new(),
             ring: Vec::new(),
             only: Vec::new(),
             uses: Vec::new(),
@@ -297,6 +303,7 @@ impl<const L: usize> Collapser<L> {
         }
         self.moved_to[from as usize] = to;
         self.age[to as usize] += 1;
+        self.folded[to as usize] |= self.folded[from as usize];
         self.open_moved |= mesh.rules[from as usize] == OPEN;
     }
 

@@ -7,10 +7,14 @@ use super::group::{GroupMesh, Weights};
 use super::pairs::seam;
 use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
 
-/// Weight of an open edge's plane, against a triangle's as large as the edge's square.
+/// Weight of an open edge's or a fold's plane, against a triangle's as large as the edge's square.
 const OPEN_EDGE_WEIGHT: f32 = 4.0;
 /// The same for an edge where attributes or materials jump.
 const SEAM_WEIGHT: f32 = 1.0;
+/// The normals round a place sum up to less than this share of their lengths where it is folded.
+const FOLDED: f32 = 0.5;
+/// Square of the cosine between the normals on the sides of a fold, and of all sharper ones.
+const FOLD_COSINE_SQUARED: f32 = 0.9;
 /// Triangles flatter than this share of their longest edge have no gradients.
 const NEEDLE: f32 = 1e-5;
 
@@ -21,7 +25,8 @@ pub(super) struct Around {
     /// Vertices here and there of the triangle along the edge, and of the one against it.
     pub(super) along: [u16; 2],
     pub(super) against: [u16; 2],
-    pub(super) triangle: u16,
+    /// Those two triangles.
+    pub(super) triangles: [u16; 2],
 }
 
 impl<const L: usize> Collapser<L> {
@@ -48,6 +53,7 @@ impl<const L: usize> Collapser<L> {
             &mut self.quadrics,
             std::iter::repeat_n(Quadric::default(), places),
         );
+        refill(&mut self.normals, std::iter::repeat_n([0.0; 3], places));
         refill(&mut self.uses, std::iter::repeat_n(0, vertices));
         refill(
             &mut self.attribute_quadrics,
@@ -78,6 +84,7 @@ impl<const L: usize> Collapser<L> {
         for triangle in &mesh.triangles {
             self.add_triangle(mesh, *triangle);
         }
+        self.find_folds();
     }
 
     fn rings(&mut self, mesh: &GroupMesh) {
@@ -119,6 +126,8 @@ impl<const L: usize> Collapser<L> {
             let quadric = &mut self.quadrics[place];
             quadric.add_matrix(&plane);
             quadric.weight += area;
+            let sum = &mut self.normals[place];
+            (0..3).for_each(|axis| sum[axis] += 0.5 * across[axis]);
         }
         if L == 0 {
             return;
@@ -138,7 +147,7 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
-    /// Queues every live edge at what it costs at least; the first time, open edges and seams also get their planes.
+    /// Queues every live edge at what it costs at least; the first time, open edges, folds and seams also get their planes.
     pub(super) fn enqueue(&mut self, mesh: &GroupMesh, freedom: Freedom, first: bool) {
         if first {
             self.add_planes(mesh);
@@ -175,11 +184,30 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
-    /// Adds the planes of all open edges and seams. Each has an end on an open edge or of several vertices.
+    /// Normal of a triangle, as long as it is large.
+    fn normal(&self, mesh: &GroupMesh, triangle: u16) -> [f32; 3] {
+        let places = mesh.places(self.corners[triangle as usize]);
+        let [a, b, c] = places.map(|place| mesh.positions[place]);
+        cross(sub(b, a), sub(c, a))
+    }
+
+    /// Marks places where the surface lies on itself, as both sides of a leaf do along its outline: planes say nothing there
+    /// of where it ends.
+    fn find_folds(&mut self) {
+        let places = self.quadrics.iter().zip(&self.normals);
+        refill(
+            &mut self.folded,
+            places.map(|(quadric, normal)| {
+                dot(*normal, *normal) < FOLDED * FOLDED * quadric.weight * quadric.weight
+            }),
+        );
+    }
+
+    /// Adds the planes of all open edges, folds and seams. Each has an end that is open, folded or of several vertices.
     fn add_planes(&mut self, mesh: &GroupMesh) {
         let looked_at = |state: &Self, place: u16| {
-            let vertex = state.first_vertex(mesh, place);
-            state.ring[vertex as usize] != vertex || mesh.rules[place as usize] == OPEN
+            let own = place as usize;
+            state.only[own] == NONE || mesh.rules[own] == OPEN || state.folded[own]
         };
         let mut around = std::mem::take(&mut self.around);
         let mut slots = std::mem::take(&mut self.slots);
@@ -204,16 +232,16 @@ impl<const L: usize> Collapser<L> {
                             neighbour,
                             along: [NONE; 2],
                             against: [NONE; 2],
-                            triangle: triangle as u16,
+                            triangles: [NONE; 2],
                         });
                     }
                     let own = &mut around[*slot as usize];
                     let pair = [vertices[k], vertices[side]];
-                    if along {
-                        own.along = pair;
-                    } else {
-                        own.against = pair;
+                    match along {
+                        true => own.along = pair,
+                        false => own.against = pair,
                     }
+                    own.triangles[usize::from(!along)] = triangle as u16;
                 }
                 corner = self.next[corner as usize];
             }
@@ -227,21 +255,25 @@ impl<const L: usize> Collapser<L> {
         self.slots = slots;
     }
 
-    /// Planes that hold an open edge or a seam in place, upright on its triangle.
+    /// Planes that hold an open edge, a fold or a seam in place, upright on its triangle.
     fn add_edge_planes(&mut self, mesh: &GroupMesh, place: u16, edge: &Around) {
         let open = edge.along[0] == NONE || edge.against[0] == NONE;
         let differs = |end: usize| seam(mesh, edge.along[end], edge.against[end]);
-        if !open && !differs(0) && !differs(1) {
+        let folded = || {
+            let [a, b] = edge.triangles.map(|triangle| self.normal(mesh, triangle));
+            let product = dot(a, b);
+            product < 0.0 && product * product > FOLD_COSINE_SQUARED * dot(a, a) * dot(b, b)
+        };
+        let ends = open || folded();
+        if !ends && !differs(0) && !differs(1) {
             return;
         }
         let [a, b] = [place, edge.neighbour].map(|place| place as usize);
         if mesh.rules[a] == LOCKED && mesh.rules[b] == LOCKED {
             return;
         }
-        let [p, q, r] = mesh
-            .places(self.triangle(edge.triangle as usize))
-            .map(|place| mesh.positions[place]);
-        let normal = cross(sub(q, p), sub(r, p));
+        let [along, against] = edge.triangles;
+        let normal = self.normal(mesh, if along == NONE { against } else { along });
         let side = sub(mesh.positions[b], mesh.positions[a]);
         let upright = cross(side, normal);
         let square = dot(upright, upright);
@@ -249,7 +281,7 @@ impl<const L: usize> Collapser<L> {
             return;
         }
         let unit = upright.map(|value| value / square.sqrt());
-        let weight = if open { OPEN_EDGE_WEIGHT } else { SEAM_WEIGHT };
+        let weight = if ends { OPEN_EDGE_WEIGHT } else { SEAM_WEIGHT };
         let plane = Quadric::plane(unit, weight * dot(side, side));
         for place in [a, b] {
             self.quadrics[place].add_matrix(&plane);

@@ -139,7 +139,7 @@ impl Court {
         testimony
     }
 
-    /// Marks the places that are left whose quadrics promise an error near the largest one.
+    /// Marks the places whose quadrics promise an error near the largest one, and where they cannot: at folds.
     fn find_loose<const L: usize>(
         &mut self,
         state: &Collapser<L>,
@@ -151,7 +151,7 @@ impl Court {
         self.loose.extend((0..origins.len()).map(|place| {
             let quadric = &state.quadrics[place];
             let offset = sub(mesh.positions[place], origins[place]);
-            quadric.at(offset) > LOOSE * worst * quadric.weight
+            state.folded[place] || quadric.at(offset) > LOOSE * worst * quadric.weight
         }));
     }
 
