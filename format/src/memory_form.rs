@@ -208,20 +208,21 @@ impl ClusterHeader {
         (self.triangle_count() * 3 * self.index_bits()).div_ceil(32) as usize
     }
 
+    /// Bits of each field of a vertex: x, y, z, normal u, v, texture u, v, r, g, b, a.
+    pub fn field_bits(&self, attributes: Attributes) -> [u32; 11] {
+        let when = |flag, bits| if attributes.has(flag) { bits } else { 0 };
+        let [x, y, z, u, v] = self.widths();
+        let normal = when(Attributes::NORMAL, NORMAL_BITS);
+        let [u, v] = [u, v].map(|bits| when(Attributes::UV, bits));
+        let [r, g, b, a] = self
+            .color_widths()
+            .map(|bits| when(Attributes::COLOR, bits));
+        [x, y, z, normal, normal, u, v, r, g, b, a]
+    }
+
     /// Bits of one vertex record.
     pub fn vertex_bits(&self, attributes: Attributes) -> u32 {
-        let [x, y, z, u, v] = self.widths();
-        let mut bits = x + y + z;
-        if attributes.has(Attributes::NORMAL) {
-            bits += 2 * NORMAL_BITS;
-        }
-        if attributes.has(Attributes::UV) {
-            bits += u + v;
-        }
-        if attributes.has(Attributes::COLOR) {
-            bits += self.color_widths().iter().sum::<u32>();
-        }
-        bits
+        self.field_bits(attributes).iter().sum()
     }
 
     /// Words of the whole payload.

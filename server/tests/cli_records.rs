@@ -424,7 +424,7 @@ fn the_builder_version_goes_with_the_bytes() {
         ),
         (
             3,
-            "a68524839bef7cc54c2df85dae153782cac8931b2383e3a215af64c67d93441f"
+            "2ffd88a9d481ba1af619b3ee3a970ed4ec352b8e19d7faba86c65e6291f36b6b"
         ),
     );
 }

@@ -124,7 +124,15 @@ fn page() -> impl Strategy<Value = (Attributes, Vec<Cluster>, u32)> {
 
 /// What differs, or false for a page that the format refuses (too many words).
 fn check(attributes: Attributes, clusters: &[Cluster], page: u32) -> Result<bool, String> {
-    let Ok(expected) = memory_form::encode(clusters, attributes, page) else {
+    // The disk form has its own order; what does not pass the checks has none.
+    if clusters
+        .iter()
+        .any(|cluster| cluster.check(attributes).is_err())
+    {
+        return Ok(false);
+    }
+    let ordered: Vec<Cluster> = clusters.iter().map(disk_form::canonical).collect();
+    let Ok(expected) = memory_form::encode(&ordered, attributes, page) else {
         return Ok(false);
     };
     let disk = disk_form::encode(clusters, attributes, page).map_err(|error| error.to_string())?;

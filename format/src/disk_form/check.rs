@@ -1,12 +1,11 @@
-//! The checks of one cluster: header, indices, vertex fields, materials.
+//! The checks of one cluster: header, what its vertices span, materials.
 
-use super::{DiskForm, FIELDS};
+use super::DiskForm;
 use crate::bits::bits_for;
 use crate::cluster::{Attributes, MaterialRange};
 use crate::error::{FormatError, ensure};
 use crate::limits::{MAX_COORDINATE_BITS, MAX_EXTENT_STEPS};
 use crate::memory_form::{ClusterHeader, MATERIAL_TABLE_FLAG, cluster_word};
-use crate::octahedral::NORMAL_BITS;
 
 impl DiskForm {
     pub(super) fn check_cluster(
@@ -16,52 +15,28 @@ impl DiskForm {
     ) -> Result<(), FormatError> {
         let header = &self.headers[cluster];
         let within = |error| within(error, cluster);
-        for triangle in 0..header.triangle_count() {
-            let largest = self
-                .triangle(cluster, triangle)
-                .into_iter()
-                .max()
-                .unwrap_or(0) as u32;
+        for axis in 0..3 {
+            let extent = header.extent()[axis];
+            let bits = bits_for(extent);
+            let found = header.widths()[axis];
+            ensure(found == bits, "bits of a coordinate", bits, found).map_err(within)?;
+            let low = header.origin()[axis] as i64;
+            let high = low + extent as i64;
             ensure(
-                largest < header.vertex_count(),
-                "triangle index",
-                format_args!("below {}", header.vertex_count()),
-                largest,
+                low >= -MAX_EXTENT_STEPS && high <= MAX_EXTENT_STEPS,
+                "position",
+                "within 2^23 steps of the centre",
+                format_args!("{low}..={high}"),
             )
             .map_err(within)?;
         }
-        let widths = header.widths();
-        let colors = header.color_widths();
-        let color_min = header.color_min();
-        for field in (0..FIELDS).filter(|&field| self.layout.field_bytes[field] > 0) {
-            let largest = (0..header.vertex_count())
-                .map(|vertex| self.offset(cluster, field, vertex))
-                .max()
-                .unwrap_or(0);
-            let (most, exact) = match field {
-                0..=2 => (header.extent()[field], true),
-                3 | 4 => ((1 << NORMAL_BITS) - 1, false),
-                5 | 6 => ((1 << widths[field - 2]) - 1, false),
-                _ => (
-                    ((1 << colors[field - 7]) - 1).min(255 - color_min[field - 7] as u32),
-                    false,
-                ),
-            };
-            let ok = if exact {
-                largest == most
-            } else {
-                largest <= most
-            };
-            ensure(
-                ok,
-                "vertex field",
-                format_args!(
-                    "{} {most} in field {field}",
-                    if exact { "largest" } else { "at most" }
-                ),
-                largest,
-            )
-            .map_err(within)?;
+        if attributes.has(Attributes::COLOR) {
+            for (channel, low) in header.color_min().into_iter().enumerate() {
+                let values = 0..header.vertex_count();
+                let values = values.map(|vertex| self.offset(cluster, 7 + channel, vertex));
+                let largest = low as u32 + values.max().unwrap_or(0);
+                ensure(largest <= 255, "colour", "at most 255", largest).map_err(within)?;
+            }
         }
         if attributes.has(Attributes::UV) {
             for min in header.uv_min() {
@@ -181,33 +156,13 @@ pub(super) fn check_header(
         index_bits,
         header.index_bits(),
     )?;
-    for axis in 0..3 {
-        let extent = header.extent()[axis];
-        ensure(
-            extent >> MAX_COORDINATE_BITS == 0,
-            "extent",
-            "below 2^24 steps",
-            extent,
-        )?;
-        let bits = bits_for(extent);
-        ensure(
-            header.widths()[axis] == bits,
-            "bits of a coordinate",
-            bits,
-            header.widths()[axis],
-        )?;
-        let (low, high) = (
-            header.origin()[axis] as i64,
-            header.origin()[axis] as i64 + extent as i64,
-        );
-        let inside = low >= -MAX_EXTENT_STEPS && high <= MAX_EXTENT_STEPS;
-        ensure(
-            inside,
-            "position",
-            "within 2^23 steps of the centre",
-            format_args!("{low}..={high}"),
-        )?;
-    }
+    let widest = header.widths()[..3].iter().copied().max().unwrap_or(0);
+    ensure(
+        widest <= MAX_COORDINATE_BITS,
+        "bits of a coordinate",
+        "at most 24",
+        widest,
+    )?;
     for axis in 3..5 {
         let bits = header.widths()[axis];
         let most = if attributes.has(Attributes::UV) {

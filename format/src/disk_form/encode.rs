@@ -1,19 +1,28 @@
 //! Clusters to disk form.
 
-use super::{COLUMNS, HEADER_WORDS, Layout, MAGIC, header_word};
+use super::predict::{Values, difference};
+use super::stored::Stored;
+use super::topology::{self, Event, canonical};
+use super::{FIELDS, Layout, MAGIC, header_word};
 use crate::cluster::{Attributes, Cluster};
 use crate::error::FormatError;
 use crate::memory_form::{self, ClusterHeader, cluster_word};
 
-/// Writes the disk form of page `page` of an asset. Fails where [`memory_form::encode`] would.
+/// Writes the disk form of page `page` of an asset; it holds the clusters as [`canonical`] orders them. Fails where
+/// [`memory_form::encode`] would.
 pub fn encode(
     clusters: &[Cluster],
     attributes: Attributes,
     page: u32,
 ) -> Result<Vec<u32>, FormatError> {
-    let memory_words = memory_form::encode(clusters, attributes, page)?.len();
+    clusters
+        .iter()
+        .try_for_each(|cluster| cluster.check(attributes))?;
+    let clusters: Vec<Cluster> = clusters.iter().map(canonical).collect();
+    let memory_words = memory_form::encode(&clusters, attributes, page)?.len();
     let mut tables = Vec::new();
-    let headers: Vec<ClusterHeader> = clusters
+    let (mut control, mut extra) = (Vec::new(), Vec::new());
+    let headers: Vec<(ClusterHeader, u32)> = clusters
         .iter()
         .map(|cluster| {
             let (mut header, table) = ClusterHeader::of(cluster);
@@ -21,21 +30,20 @@ pub fn encode(
                 header.0[cluster_word::MATERIALS] = tables.len() as u32;
                 tables.extend(table);
             }
-            header
+            let before = extra.len();
+            topology::encode(&cluster.triangles, &mut control, &mut extra);
+            (header, (extra.len() - before) as u32)
         })
         .collect();
     let widest = |field: usize| {
-        headers
-            .iter()
-            .map(|header| header.widths()[field])
-            .max()
-            .unwrap_or(0)
+        let widths = headers.iter().map(|(header, _)| header.widths()[field]);
+        widths.max().unwrap_or(0)
     };
     let plane_widths = (0..5).fold(0, |word, field| {
         word | widest(field).div_ceil(8) << (4 * field)
     });
     let vertex_count = clusters.iter().map(|cluster| cluster.positions.len()).sum();
-    let triangle_count = clusters.iter().map(|cluster| cluster.triangles.len()).sum();
+    let triangle_count = control.len();
     let layout = Layout::new(
         attributes,
         clusters.len(),
@@ -44,53 +52,87 @@ pub fn encode(
         tables.len(),
         plane_widths,
     );
+    let stored = Stored::new(
+        clusters.len(),
+        vertex_count,
+        triangle_count,
+        extra.len(),
+        &layout.field_bytes,
+        tables.len(),
+    );
 
-    let mut words = vec![0; HEADER_WORDS];
-    words[header_word::MAGIC] = MAGIC;
-    words[header_word::ATTRIBUTES] = attributes.0;
-    words[header_word::CLUSTER_COUNT] = clusters.len() as u32;
-    words[header_word::PAGE] = page;
-    words[header_word::VERTEX_COUNT] = vertex_count as u32;
-    words[header_word::TRIANGLE_COUNT] = triangle_count as u32;
-    words[header_word::TABLE_WORDS] = tables.len() as u32;
-    words[header_word::MEMORY_WORDS] = memory_words as u32;
-    words[header_word::PLANE_WIDTHS] = plane_widths;
-    words.reserve(layout.words - HEADER_WORDS);
-    for word in (0..=COLUMNS).filter(|&word| word != cluster_word::PAYLOAD) {
-        words.extend(headers.iter().map(|header| header.0[word]));
+    let mut bytes = vec![0; stored.bytes];
+    let mut put = |word: usize, value: u32| {
+        bytes[4 * word..4 * word + 4].copy_from_slice(&value.to_le_bytes());
+    };
+    put(header_word::MAGIC, MAGIC);
+    put(header_word::ATTRIBUTES, attributes.0);
+    put(header_word::CLUSTER_COUNT, clusters.len() as u32);
+    put(header_word::PAGE, page);
+    put(header_word::VERTEX_COUNT, vertex_count as u32);
+    put(header_word::TRIANGLE_COUNT, triangle_count as u32);
+    put(header_word::TABLE_WORDS, tables.len() as u32);
+    put(header_word::MEMORY_WORDS, memory_words as u32);
+    put(header_word::PLANE_WIDTHS, plane_widths);
+    put(header_word::EXTRA_BYTES, extra.len() as u32);
+    for (word, &value) in tables.iter().enumerate() {
+        put(stored.tables / 4 + word, value);
     }
-    for corner in 0..3 {
-        let indices = clusters
-            .iter()
-            .flat_map(|cluster| &cluster.triangles)
-            .map(|triangle| triangle[corner]);
-        push_plane(&mut words, indices);
-    }
-    for (field, &bytes) in layout.field_bytes.iter().enumerate() {
-        for byte in 0..bytes {
-            let values = clusters.iter().zip(&headers).flat_map(|(cluster, header)| {
-                (0..cluster.positions.len())
-                    .map(move |vertex| (offset(cluster, header, field, vertex) >> (8 * byte)) as u8)
-            });
-            push_plane(&mut words, values);
+    stored.write_columns(&headers, &mut bytes);
+    bytes[stored.control..][..control.len()].copy_from_slice(&control);
+    bytes[stored.extra..][..extra.len()].copy_from_slice(&extra);
+
+    let (mut first_vertex, mut control, mut extra) = (0, &control[..], &extra[..]);
+    for (cluster, (header, extras)) in clusters.iter().zip(&headers) {
+        let differences = differences(cluster, header, attributes, control, extra);
+        let mut plane = stored.vertex_planes + first_vertex;
+        for (field, &field_bytes) in layout.field_bytes.iter().enumerate() {
+            for byte in 0..field_bytes {
+                let own = &differences[field][..cluster.positions.len()];
+                for (slot, value) in bytes[plane..].iter_mut().zip(own) {
+                    *slot = (value >> (8 * byte)) as u8;
+                }
+                plane += stored.vertex_plane_bytes;
+            }
         }
+        first_vertex += cluster.positions.len();
+        control = &control[cluster.triangles.len()..];
+        extra = &extra[*extras as usize..];
     }
-    words.extend(tables);
-    debug_assert_eq!(words.len(), layout.words);
-    Ok(words)
+    Ok(words(&bytes))
 }
 
-fn push_plane(words: &mut Vec<u32>, bytes: impl Iterator<Item = u8>) {
-    let mut lane = 0;
-    for byte in bytes {
-        if lane == 0 {
-            words.push(0);
+/// Little-endian words.
+pub(super) fn words(bytes: &[u8]) -> Vec<u32> {
+    let (words, _) = bytes.as_chunks::<4>();
+    words.iter().map(|&word| u32::from_le_bytes(word)).collect()
+}
+
+/// How far every field of every vertex is from what is expected of it.
+fn differences(
+    cluster: &Cluster,
+    header: &ClusterHeader,
+    attributes: Attributes,
+    control: &[u8],
+    extra: &[u8],
+) -> [[u32; 256]; FIELDS] {
+    let bits = header.field_bits(attributes);
+    let mut values = Values::new();
+    let mut differences = [[0; 256]; FIELDS];
+    let own = &control[..cluster.triangles.len()];
+    let decoded = topology::decode(own, extra, |event| {
+        let Event::Vertex(beyond) = event else { return };
+        let vertex = values.count;
+        for field in (0..FIELDS).filter(|&field| bits[field] > 0) {
+            let value = offset(cluster, header, field, vertex);
+            let predicted = values.predict(field, beyond);
+            differences[field][vertex] = difference(value, predicted, bits[field]);
+            values.fields[field][vertex] = value;
         }
-        if let Some(last) = words.last_mut() {
-            *last |= (byte as u32) << (8 * lane);
-        }
-        lane = (lane + 1) % 4;
-    }
+        values.count += 1;
+    });
+    debug_assert!(decoded.is_ok(), "what was just encoded: {decoded:?}");
+    differences
 }
 
 /// Value of a vertex field less the cluster's smallest, in plane order of the fields.

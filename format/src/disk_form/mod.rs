@@ -1,30 +1,37 @@
-//! The disk form of a page: byte-aligned, like with like, so that a byte-wise LZ finds what repeats.
+//! The disk form of a page: what is stored and sent, made to be small after a byte-wise LZ, and the staged form that it is read
+//! into, from which `transcode` gathers the memory form.
 //!
 //! ```text
-//! header (16 words) | columns (15, a word a cluster) | index planes (3) | vertex planes | material tables
+//! stored: header (16 words) | columns (13) | control bytes | extra bytes | vertex planes | material tables
+//! staged: header (16 words) | columns (15, a word a cluster) | index planes (3) | vertex planes | material tables
 //! ```
 //!
-//! A plane holds one byte of one field of every triangle or vertex of the page, padded to a word. Vertex planes, in
-//! order: the bytes of x, y, z from low to high, then normal u, v, then texture u, v, then r, g, b, a. Values are what the
-//! memory form packs: offsets from the cluster's smallest value. `transcode` turns this into the memory form.
+//! A plane holds one byte of one field of every cluster, triangle or vertex of the page, padded to a word. Vertex planes, in
+//! order: the bytes of x, y, z from low to high, then normal u, v, then texture u, v, then r, g, b, a. Staged values are what the
+//! memory form packs: offsets from the cluster's smallest value. Stored ones are how far those are from what is expected of them
+//! (see `predict`), and triangles are bytes that name edges (see `topology`).
 
 mod check;
 mod encode;
 mod form;
 mod parse;
+mod predict;
+mod stored;
+mod topology;
 
 pub use encode::encode;
 pub use form::DiskForm;
 pub use parse::ClusterSpan;
+pub use topology::canonical;
 
 use crate::cluster::Attributes;
 use crate::memory_form::CLUSTER_HEADER_WORDS;
 
-/// "LSD1".
-pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD1");
+/// "LSD2".
+pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD2");
 /// Words before the first column.
 pub const HEADER_WORDS: usize = 16;
-/// Columns: every word of a cluster header but its payload offset, which follows from the others.
+/// Staged columns: every word of a cluster header but its payload offset, which follows from the others.
 pub const COLUMNS: usize = CLUSTER_HEADER_WORDS - 1;
 
 /// Word numbers inside the header; the rest is zero.
@@ -47,12 +54,14 @@ pub mod header_word {
     pub const MEMORY_WORDS: usize = 7;
     /// Bytes of x, y, z, u, v: four bits each from bit 0.
     pub const PLANE_WIDTHS: usize = 8;
+    /// Extra bytes of all clusters; they are not staged.
+    pub const EXTRA_BYTES: usize = 9;
 }
 
 /// Fields of a vertex in plane order.
 pub const FIELDS: usize = 11;
 
-/// Where the sections lie, in words; a pure function of the header.
+/// Where the sections of the staged form lie, in words; a pure function of the header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
     /// Clusters, also the words of one column.

@@ -2,11 +2,15 @@
 //! transcoded and drawn without another check.
 
 use super::check::{check_header, hex, within};
-use super::{DiskForm, HEADER_WORDS, Layout, MAGIC, header_word};
+use super::encode::words;
+use super::predict::{Values, value};
+use super::stored::Stored;
+use super::topology::{self, Edge, Event};
+use super::{DiskForm, FIELDS, HEADER_WORDS, Layout, MAGIC, header_word};
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
 use crate::limits::{MAX_DISK_FORM_BYTES, MAX_PAGE_CLUSTERS, PAGE_WORDS};
-use crate::memory_form::{CLUSTER_HEADER_WORDS, ClusterHeader, PAGE_HEADER_WORDS, cluster_word};
+use crate::memory_form::{CLUSTER_HEADER_WORDS, PAGE_HEADER_WORDS, cluster_word};
 
 /// Where one cluster's data begins in either form; follows from the headers before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -34,7 +38,7 @@ impl DiskForm {
         ensure(
             header[header_word::MAGIC] == MAGIC,
             "disk form magic",
-            "LSD1",
+            "LSD2",
             hex(header[header_word::MAGIC]),
         )?;
         let attributes = Attributes(header[header_word::ATTRIBUTES]);
@@ -44,7 +48,7 @@ impl DiskForm {
             "at most 7",
             attributes.0,
         )?;
-        let spare = header[header_word::PLANE_WIDTHS + 1..]
+        let spare = header[header_word::EXTRA_BYTES + 1..]
             .iter()
             .find(|&&word| word != 0);
         ensure(
@@ -82,6 +86,11 @@ impl DiskForm {
             "disk form memory words",
             1..=PAGE_WORDS,
         )?;
+        let extra_bytes = size(
+            header_word::EXTRA_BYTES,
+            "disk form extra bytes",
+            0..=3 * triangle_count,
+        )?;
         let plane_widths = header[header_word::PLANE_WIDTHS];
         let layout = Layout::new(
             attributes,
@@ -92,20 +101,40 @@ impl DiskForm {
             plane_widths,
         );
         ensure(
-            layout.words == words.len(),
-            "disk form words",
+            layout.words <= most,
+            "staged words",
+            format_args!("at most {most}"),
             layout.words,
-            words.len(),
+        )?;
+        let stored = Stored::new(
+            cluster_count,
+            vertex_count,
+            triangle_count,
+            extra_bytes,
+            &layout.field_bytes,
+            table_words,
+        );
+        ensure(
+            stored.bytes == 4 * words.len(),
+            "disk form bytes",
+            stored.bytes,
+            4 * words.len(),
         )?;
 
         let mut form = Self {
-            words,
+            words: words[..HEADER_WORDS].to_vec(),
             layout,
             headers: Vec::with_capacity(cluster_count),
             spans: Vec::new(),
             tables_word: 0,
         };
-        form.read_headers(attributes)?;
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let mut extras = Vec::with_capacity(cluster_count);
+        for (cluster, (header, extra)) in stored.read_columns(&bytes).into_iter().enumerate() {
+            check_header(&header, attributes).map_err(|error| within(error, cluster))?;
+            form.headers.push(header);
+            extras.push(extra);
+        }
         let expected = (0..5).fold(0, |word, field| {
             let widest = form
                 .headers
@@ -122,25 +151,88 @@ impl DiskForm {
             hex(plane_widths),
         )?;
         form.place(attributes, vertex_count, triangle_count, memory_words)?;
+        form.stage(attributes, &bytes, &stored, &extras)?;
         for cluster in 0..cluster_count {
             form.check_cluster(cluster, attributes)?;
         }
         Ok(form)
     }
 
-    fn read_headers(&mut self, attributes: Attributes) -> Result<(), FormatError> {
-        for cluster in 0..self.layout.cluster_count {
-            let mut words = [0; CLUSTER_HEADER_WORDS];
-            for (word, value) in words
-                .iter_mut()
-                .enumerate()
-                .filter(|(word, _)| *word != cluster_word::PAYLOAD)
-            {
-                *value = self.words[self.layout.column(word) + cluster];
+    /// Reads triangles and vertices, and writes the staged form of everything.
+    fn stage(
+        &mut self,
+        attributes: Attributes,
+        bytes: &[u8],
+        stored: &Stored,
+        extras: &[u32],
+    ) -> Result<(), FormatError> {
+        let layout = self.layout;
+        let mut staged = vec![0u8; 4 * layout.words];
+        let mut extra = &bytes[stored.extra..][..stored.extra_bytes];
+        for (cluster, &extras) in extras.iter().enumerate() {
+            let wrong = |expected: &str, found: &str| {
+                within(FormatError::new("triangles", expected, found), cluster)
+            };
+            let (header, span) = (&mut self.headers[cluster], &self.spans[cluster]);
+            let Some((own_extra, rest)) = extra.split_at_checked(extras as usize) else {
+                return Err(wrong("as many extra bytes as there are", "more"));
+            };
+            extra = rest;
+            let first_control = stored.control + span.first_triangle as usize;
+            let control = &bytes[first_control..][..header.triangle_count() as usize];
+            let mut reader = Reader {
+                bytes,
+                stored,
+                layout: &layout,
+                bits: header.field_bits(attributes),
+                first_vertex: span.first_vertex as usize,
+                vertices: header.vertex_count() as usize,
+                values: Values::new(),
+                spare: 0,
+            };
+            let mut triangle = span.first_triangle as usize;
+            let read = topology::decode(control, own_extra, |event| match event {
+                Event::Vertex(beyond) => reader.vertex(beyond),
+                Event::Triangle(corners) => {
+                    for (corner, index) in corners.into_iter().enumerate() {
+                        let plane = layout.index_planes + corner * layout.index_plane_words;
+                        staged[4 * plane + triangle] = index;
+                    }
+                    triangle += 1;
+                }
+            });
+            let (vertices, used) =
+                read.map_err(|found| wrong("a control byte's meaning", found))?;
+            if vertices != reader.vertices || used != own_extra.len() {
+                let found = format!("{vertices} vertices, {used} extra bytes");
+                let expected = format!("{} and {}", reader.vertices, own_extra.len());
+                return Err(wrong(&expected, &found));
             }
-            let header = ClusterHeader(words);
-            check_header(&header, attributes).map_err(|error| within(error, cluster))?;
-            self.headers.push(header);
+            if reader.spare != 0 {
+                let error =
+                    FormatError::new("vertex differences", "within the field's bits", "more");
+                return Err(within(error, cluster));
+            }
+            let extent = reader.stage(&mut staged);
+            header.0[cluster_word::EXTENT..][..3].copy_from_slice(&extent);
+        }
+        if !extra.is_empty() {
+            let found = format!("{} more", extra.len());
+            return Err(FormatError::new(
+                "extra bytes",
+                "those of the clusters",
+                found,
+            ));
+        }
+        let tables = &bytes[stored.tables..];
+        staged[4 * layout.tables..].copy_from_slice(tables);
+        let header = std::mem::take(&mut self.words);
+        self.words = words(&staged);
+        self.words[..HEADER_WORDS].copy_from_slice(&header);
+        for word in (0..CLUSTER_HEADER_WORDS).filter(|&word| word != cluster_word::PAYLOAD) {
+            for (cluster, header) in self.headers.iter().enumerate() {
+                self.words[layout.column(word) + cluster] = header.0[word];
+            }
         }
         Ok(())
     }
@@ -179,5 +271,66 @@ impl DiskForm {
         self.tables_word = payload as u32;
         let total = payload + self.layout.words - self.layout.tables;
         ensure(total == words, "memory form words", total, words)
+    }
+}
+
+/// Reads the vertices of a cluster as they come.
+struct Reader<'a> {
+    bytes: &'a [u8],
+    stored: &'a Stored,
+    layout: &'a Layout,
+    /// Bits of each field.
+    bits: [u32; FIELDS],
+    /// First vertex in the planes, and how many there are.
+    first_vertex: usize,
+    vertices: usize,
+    values: Values,
+    /// Bits of differences that lie above their fields'.
+    spare: u32,
+}
+
+impl Reader<'_> {
+    fn vertex(&mut self, beyond: Option<Edge>) {
+        let vertex = self.values.count;
+        // One too many is found when they are counted.
+        if vertex < self.vertices {
+            self.read(vertex, beyond);
+        }
+        self.values.count += 1;
+    }
+
+    fn read(&mut self, vertex: usize, beyond: Option<Edge>) {
+        let mut plane = self.stored.vertex_planes + self.first_vertex + vertex;
+        for (field, &field_bytes) in self.layout.field_bytes.iter().enumerate() {
+            let mut difference = 0;
+            for byte in 0..field_bytes {
+                difference |= (self.bytes[plane] as u32) << (8 * byte);
+                plane += self.stored.vertex_plane_bytes;
+            }
+            let bits = self.bits[field];
+            self.spare |= difference >> bits;
+            if bits > 0 {
+                let predicted = self.values.predict(field, beyond);
+                self.values.fields[field][vertex] = value(difference, predicted, bits);
+            }
+        }
+    }
+
+    /// Writes the planes; gives the largest offsets of x, y and z.
+    fn stage(&self, staged: &mut [u8]) -> [u32; 3] {
+        for (field, &field_bytes) in self.layout.field_bytes.iter().enumerate() {
+            let own = &self.values.fields[field][..self.vertices];
+            for byte in 0..field_bytes {
+                let plane = self.layout.field_plane(field) + byte * self.layout.vertex_plane_words;
+                let slots = &mut staged[4 * plane + self.first_vertex..][..self.vertices];
+                for (slot, value) in slots.iter_mut().zip(own) {
+                    *slot = (value >> (8 * byte)) as u8;
+                }
+            }
+        }
+        [0, 1, 2].map(|axis| {
+            let own = &self.values.fields[axis][..self.vertices];
+            own.iter().copied().max().unwrap_or(0)
+        })
     }
 }

@@ -4,7 +4,7 @@ use lodestream_format::cluster::NO_GROUP;
 use lodestream_format::limits::{MAX_CLUSTER_TRIANGLES, MAX_CLUSTER_VERTICES};
 
 use super::cluster::{self, ClusterInfo, ClusterView, Witness};
-use super::split::Splitter;
+use super::split::{Shape, Splitter};
 use super::vertex::Vertex;
 
 /// Triangles over vertices; a vertex has one material.
@@ -93,8 +93,13 @@ impl Clusterizer {
         let parts = parts_of(count, surface.vertices.len());
         let mut splitter = std::mem::take(&mut self.splitter);
         let centroids = std::mem::take(&mut self.centroids);
-        splitter.split(&centroids, &mut order, parts, &mut |part| {
-            self.take(surface, level, &centroids, part, &mut out);
+        let shape = Shape {
+            triangles: surface.triangles,
+            centroids: &centroids,
+            vertices: surface.vertices.len(),
+        };
+        splitter.split(&shape, &mut order, parts, &mut |part| {
+            self.take(surface, level, &shape, part, &mut out);
         });
         (self.splitter, self.centroids, self.order) = (splitter, centroids, order);
         out
@@ -105,15 +110,15 @@ impl Clusterizer {
         &mut self,
         surface: &Surface,
         level: u8,
-        centroids: &[[f32; 3]],
+        shape: &Shape,
         part: &mut [u32],
         out: &mut Clusters,
     ) {
         if !self.gather(surface, part) {
             let mut halves = Vec::new();
-            Splitter::default().split(centroids, part, 2, &mut |half| halves.push(half.to_vec()));
+            Splitter::default().split(shape, part, 2, &mut |half| halves.push(half.to_vec()));
             for mut half in halves {
-                self.take(surface, level, centroids, &mut half, out);
+                self.take(surface, level, shape, &mut half, out);
             }
             return;
         }

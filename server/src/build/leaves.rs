@@ -71,7 +71,7 @@ impl Workspace {
     fn bucket(&mut self, runs: &[u32], blocks: &Store) -> Result<Made, BuildError> {
         let runs: Vec<_> = runs
             .iter()
-            .map(|&run| Ok(unpack(&*blocks.get(run)?, scatter::RECORD_WORDS)))
+            .map(|&run| Ok(unpack(&blocks.get(run)?, scatter::RECORD_WORDS)))
             .collect::<Result<_, BuildError>>()?;
         let count = runs.iter().map(|words| Block::new(words).vertices.len());
         self.welder.clear(count.sum());

@@ -185,7 +185,7 @@ impl Filling {
             + when(Attributes::COLOR, 4);
         let disk_words = disk_form::HEADER_WORDS
             + disk_form::COLUMNS * self.clusters
-            + 3 * self.triangles.div_ceil(4)
+            + 4 * self.triangles.div_ceil(4)
             + vertex_planes * self.vertices.div_ceil(4)
             + self.table_words;
         self.clusters <= MAX_PAGE_CLUSTERS

@@ -1,11 +1,9 @@
 //! Twin of `wgsl/transcode.wgsl`: gathers each word of the memory form from the planes of the disk form.
 
-use lodestream_format::cluster::Attributes;
 use lodestream_format::disk_form::{DiskForm, FIELDS};
 use lodestream_format::memory_form::{
     CLUSTER_HEADER_WORDS, ClusterHeader, MAGIC, PAGE_HEADER_WORDS, cluster_word, page_word,
 };
-use lodestream_format::octahedral::NORMAL_BITS;
 
 /// Writes the memory form of a page.
 pub fn transcode(form: &DiskForm) -> Vec<u32> {
@@ -28,7 +26,7 @@ fn transcode_cluster(form: &DiskForm, cluster: usize, words: &mut [u32]) {
     for word in 0..index_words {
         words[payload_word + word] = index_word(form, span.first_triangle, header, word as u32);
     }
-    let widths = field_widths(header, form.attributes());
+    let widths = header.field_bits(form.attributes());
     for word in 0..header.payload_words(form.attributes()) - index_words {
         words[payload_word + index_words + word] =
             vertex_word(form, span.first_vertex, header, &widths, word as u32);
@@ -99,18 +97,6 @@ fn vertex_word(
         vertex += 1;
     }
     value
-}
-
-/// Bits of each field in the cluster's records, in plane order.
-fn field_widths(header: &ClusterHeader, attributes: Attributes) -> [u32; FIELDS] {
-    let when = |flag, bits| if attributes.has(flag) { bits } else { 0 };
-    let [x, y, z, u, v] = header.widths();
-    let normal = when(Attributes::NORMAL, NORMAL_BITS);
-    let [u, v] = [u, v].map(|bits| when(Attributes::UV, bits));
-    let [r, g, b, a] = header
-        .color_widths()
-        .map(|bits| when(Attributes::COLOR, bits));
-    [x, y, z, normal, normal, u, v, r, g, b, a]
 }
 
 /// Value of a field of `bits` bits, from its bytes' planes.

@@ -33,7 +33,7 @@ const WORTH_A_SWEEP: f64 = 0.98;
 /// A result with at most this share of the triangles left needs no freer attempt.
 const GOOD_ENOUGH: f64 = 0.6;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
-const MARGIN: f64 = 1.25;
+const MARGIN: f64 = 1.3;
 /// Share of the group's size that rounding in f32 may hide.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 /// Triangles of a full cluster.
@@ -84,6 +84,8 @@ pub(super) struct Simplified {
     pub attribute_metres: f64,
     /// Whether open edges of the surface moved.
     pub open_edges_moved: bool,
+    /// Whether the surface lies on itself somewhere.
+    pub folded: bool,
 }
 
 /// What a simplification needs beside the group.
@@ -155,6 +157,7 @@ impl Workspace {
             lost_metres: result.lost * metres,
             attribute_metres: result.attribute * metres,
             open_edges_moved: result.open_edges_moved,
+            folded: result.folded,
         })
     }
 }
@@ -179,6 +182,7 @@ struct Outcome {
     lost: f64,
     attribute: f64,
     open_edges_moved: bool,
+    folded: bool,
 }
 
 /// A measured distance with what the samples may have missed.
@@ -250,6 +254,7 @@ fn collapse<const L: usize>(
         lost: margin(lost as f64),
         attribute: attribute.max(lost_material).max(moved as f64),
         open_edges_moved: state.open_moved,
+        folded: state.folded.contains(&true),
     })
 }
 
@@ -309,5 +314,6 @@ fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
             .map(|corners| corners.map(u32::from))
             .collect(),
         open_edges_moved: moved_to.iter().enumerate().any(open_moved),
+        folded: true,
     })
 }

@@ -226,7 +226,15 @@ mod tests {
         let at = |k| [value(k), value(k + 1), value(k + 2)];
         (
             at(0),
-            [at(3), at(6), if number % 16 == 0 { at(6) } else { at(9) }],
+            [
+                at(3),
+                at(6),
+                if number.is_multiple_of(16) {
+                    at(6)
+                } else {
+                    at(9)
+                },
+            ],
         )
     }
 

@@ -18,11 +18,11 @@ use super::nearest::{Patch, middle, to_segment};
 use super::quadric::{dot, sub};
 
 /// A witness nearer than this share of the farthest one is not handed on.
-pub(in super::super) const HANDED_ON: f32 = 0.4;
+pub(in super::super) const HANDED_ON: f32 = 0.25;
 /// A witness whose squared distance is less than this share of the largest so far is not looked at further.
 const ENOUGH: f32 = 0.5;
 /// Places whose mean squared distance to their planes is more than this share of the largest squared distance are loose.
-const LOOSE: f32 = 0.2;
+const LOOSE: f32 = 0.1;
 
 /// What the witnesses of a group say.
 #[derive(Debug, Default)]
@@ -207,8 +207,17 @@ impl Court {
             look_at(center, places[0]);
             for side in 0..3 {
                 let next = (side + 1) % 3;
+                let half = middle(corners[side], corners[next]);
                 if places[side] < places[next] {
-                    look_at(middle(corners[side], corners[next]), places[side]);
+                    look_at(half, places[side]);
+                }
+                // Where the surface lies on itself, what is new may reach beyond its outline anywhere.
+                if state.folded[places[side]] {
+                    for (from, to) in [(corners[side], half), (half, corners[next])] {
+                        look_at(from, places[side]);
+                        look_at(middle(from, to), places[side]);
+                    }
+                    look_at(middle(corners[side], center), places[side]);
                 }
             }
         }
