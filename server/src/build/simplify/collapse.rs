@@ -1,8 +1,8 @@
 //! Collapse: one place after another moves onto a neighbour, the cheapest first, until few enough triangles are left.
 //!
 //! All triangles round a place move with it, so whatever the order, edges are closed where they were closed, as long as
-//! locked places stay. Costs only grow as quadrics add up, and attributes only add to them, so what an edge cost before a
-//! neighbour collapsed, and without attributes, is a lower bound: the whole is worked out when its turn comes, not before.
+//! locked places stay. Costs only grow as quadrics add up, so what an edge cost before a neighbour collapsed is a lower bound:
+//! it is worked out again when its turn comes, not before.
 
 use super::super::borders::{FREE, LOCKED, OPEN};
 use super::group::GroupMesh;

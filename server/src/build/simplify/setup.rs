@@ -147,7 +147,7 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
-    /// Queues every live edge at what it costs at least; the first time, open edges, folds and seams also get their planes.
+    /// Queues every live edge at what it costs now; the first time, open edges, folds and seams also get their planes.
     pub(super) fn enqueue(&mut self, mesh: &GroupMesh, freedom: Freedom, first: bool) {
         if first {
             self.add_planes(mesh);
