@@ -178,6 +178,17 @@ impl ClusterHeader {
         std::array::from_fn(|field| self.0[cluster_word::WIDTHS] >> (5 * field) & 0x1f)
     }
 
+    /// That no coordinate has more bits than a reader takes.
+    pub(crate) fn check_coordinate_bits(&self) -> Result<(), FormatError> {
+        let widest = self.widths().into_iter().max().unwrap_or(0);
+        ensure(
+            widest <= MAX_COORDINATE_BITS,
+            "bits of a coordinate",
+            "at most 24",
+            widest,
+        )
+    }
+
     /// Bits of r, g, b and a.
     pub fn color_widths(&self) -> [u32; 4] {
         std::array::from_fn(|c| self.0[cluster_word::COLOR_WIDTHS] >> (4 * c) & 0xf)
@@ -252,48 +263,59 @@ pub fn cluster_words(cluster: &Cluster, attributes: Attributes) -> usize {
     CLUSTER_HEADER_WORDS + header.payload_words(attributes) + table.len()
 }
 
-/// Writes the memory form of page `page` of an asset.
-pub fn encode(
-    clusters: &[Cluster],
+/// Words of a page of clusters with these headers, which keep to the limits.
+pub(crate) fn page_words<'a>(
+    headers: impl ExactSizeIterator<Item = &'a ClusterHeader>,
     attributes: Attributes,
-    page: u32,
-) -> Result<Vec<u32>, FormatError> {
-    let count = clusters.len();
+    table_words: usize,
+) -> Result<usize, FormatError> {
+    let count = headers.len();
     ensure(
         (1..=MAX_PAGE_CLUSTERS).contains(&count),
         "clusters of a page",
         "1..=2048",
         count,
     )?;
-    let mut headers = Vec::with_capacity(count);
-    let (mut payloads, mut tables) = (Vec::new(), Vec::new());
-    let first_payload = PAGE_HEADER_WORDS + count * CLUSTER_HEADER_WORDS;
+    let mut words = PAGE_HEADER_WORDS + table_words;
+    for header in headers {
+        header.check_coordinate_bits()?;
+        words += CLUSTER_HEADER_WORDS + header.payload_words(attributes);
+    }
+    ensure(
+        words <= PAGE_WORDS,
+        "words of a page",
+        "at most 32768",
+        words,
+    )?;
+    Ok(words)
+}
+
+/// Writes the memory form of page `page` of an asset.
+pub fn encode(
+    clusters: &[Cluster],
+    attributes: Attributes,
+    page: u32,
+) -> Result<Vec<u32>, FormatError> {
+    let mut headers = Vec::with_capacity(clusters.len());
+    let mut tables = Vec::new();
     for cluster in clusters {
         cluster.check(attributes)?;
-        let (mut header, table) = ClusterHeader::of(cluster);
-        let widest = header.widths().into_iter().max().unwrap_or(0);
-        ensure(
-            widest <= MAX_COORDINATE_BITS,
-            "bits of a coordinate",
-            "at most 24",
-            widest,
-        )?;
-        header.0[cluster_word::PAYLOAD] = (first_payload + payloads.len()) as u32;
-        payloads.extend(payload(cluster, &header, attributes));
+        let (header, table) = ClusterHeader::of(cluster);
         headers.push((header, tables.len()));
         tables.extend(table);
     }
+    let all = headers.iter().map(|(header, _)| header);
+    let total = page_words(all, attributes, tables.len())?;
+    let first_payload = PAGE_HEADER_WORDS + clusters.len() * CLUSTER_HEADER_WORDS;
+    let mut payloads = Vec::with_capacity(total - first_payload - tables.len());
+    for (cluster, (header, _)) in clusters.iter().zip(&mut headers) {
+        header.0[cluster_word::PAYLOAD] = (first_payload + payloads.len()) as u32;
+        payloads.extend(payload(cluster, header, attributes));
+    }
     let first_table = first_payload + payloads.len();
-    let total = first_table + tables.len();
-    ensure(
-        total <= PAGE_WORDS,
-        "words of a page",
-        "at most 32768",
-        total,
-    )?;
     let mut words = vec![0; PAGE_HEADER_WORDS];
     words[page_word::MAGIC] = MAGIC;
-    words[page_word::CLUSTER_COUNT] = count as u32;
+    words[page_word::CLUSTER_COUNT] = clusters.len() as u32;
     words[page_word::WORDS] = total as u32;
     words[page_word::ATTRIBUTES] = attributes.0;
     words[page_word::PAGE] = page;

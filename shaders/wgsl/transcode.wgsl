@@ -1,4 +1,4 @@
-// Disk form to memory form: a workgroup a cluster (x) of a page (y), one more a page for its header and tables. A thread
+// Staged form of a page (see disk_form) to memory form: a workgroup a cluster (x) of a page (y), one more a page for its header and tables. A thread
 // makes whole words, each gathered from the planes, so that no two threads write the same one.
 #import types
 #import memory_form

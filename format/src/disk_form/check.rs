@@ -156,13 +156,7 @@ pub(super) fn check_header(
         index_bits,
         header.index_bits(),
     )?;
-    let widest = header.widths()[..3].iter().copied().max().unwrap_or(0);
-    ensure(
-        widest <= MAX_COORDINATE_BITS,
-        "bits of a coordinate",
-        "at most 24",
-        widest,
-    )?;
+    header.check_coordinate_bits()?;
     for axis in 3..5 {
         let bits = header.widths()[axis];
         let most = if attributes.has(Attributes::UV) {

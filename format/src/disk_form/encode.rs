@@ -19,7 +19,6 @@ pub fn encode(
         .iter()
         .try_for_each(|cluster| cluster.check(attributes))?;
     let clusters: Vec<Cluster> = clusters.iter().map(canonical).collect();
-    let memory_words = memory_form::encode(&clusters, attributes, page)?.len();
     let mut tables = Vec::new();
     let (mut control, mut extra) = (Vec::new(), Vec::new());
     let headers: Vec<(ClusterHeader, u32)> = clusters
@@ -35,6 +34,8 @@ pub fn encode(
             (header, (extra.len() - before) as u32)
         })
         .collect();
+    let all = headers.iter().map(|(header, _)| header);
+    let memory_words = memory_form::page_words(all, attributes, tables.len())?;
     let widest = |field: usize| {
         let widths = headers.iter().map(|(header, _)| header.widths()[field]);
         widths.max().unwrap_or(0)

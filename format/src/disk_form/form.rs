@@ -39,7 +39,7 @@ impl DiskForm {
         })
     }
 
-    /// The words as they came.
+    /// The words of the staged form, which `transcode` gathers from.
     pub fn words(&self) -> &[u32] {
         &self.words
     }

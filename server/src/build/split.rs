@@ -182,44 +182,39 @@ mod tests {
         assert!(ascending(-1.0) < ascending(-0.5) && ascending(-0.5) < ascending(0.25));
     }
 
-    /// A grid of squares, its rows shifted so that a straight cut goes zigzag along the triangles.
+    /// A ragged cut through a square grid: smoothing takes teeth off, and nothing else.
     #[test]
     fn smooth_cuts_share_few_vertices() {
         let row = 33;
-        let mut triangles = Vec::new();
+        let mut triangles: Vec<[u32; 3]> = Vec::new();
         for a in (0..32 * row).filter(|a| a % row < 32) {
             triangles.extend([[a, a + 1, a + row + 1], [a, a + row + 1, a + row]]);
         }
-        let at = |vertex: u32| {
-            [
-                (vertex % row) as f32 + 0.37 * (vertex / row) as f32,
-                (vertex / row) as f32,
-            ]
-        };
-        let centroids: Vec<[f32; 3]> = triangles
-            .iter()
-            .map(|corners: &[u32; 3]| {
-                let [a, b, c] = corners.map(at);
-                [a[0] + b[0] + c[0], a[1] + b[1] + c[1], 0.0]
-            })
+        // As on a rough surface, whose centroids leap from triangle to triangle.
+        let rough = |index: u32| (index.wrapping_mul(2_654_435_761) >> 28) as f32 / 4.0;
+        let centroids: Vec<[f32; 3]> = (0u32..)
+            .zip(&triangles)
+            .map(|(index, corners)| [(corners[0] % row) as f32 + rough(index), 0.0, 0.0])
             .collect();
+        let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
+        order.sort_by(|&a, &b| centroids[a as usize][0].total_cmp(&centroids[b as usize][0]));
+        let shared = |order: &[u32]| {
+            let vertices = |half: &[u32]| -> std::collections::HashSet<u32> {
+                half.iter().flat_map(|&i| triangles[i as usize]).collect()
+            };
+            let (lower, upper) = order.split_at(1024);
+            vertices(lower).intersection(&vertices(upper)).count()
+        };
+        let before = shared(&order);
         let shape = Shape {
             triangles: &triangles,
             centroids: &centroids,
             vertices: 33 * 33,
         };
-        let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
-        let (mut parts, mut vertices) = (0, 0);
-        Splitter::default().split(&shape, &mut order, 16, &mut |part| {
-            assert_eq!(part.len(), 128);
-            let mut own: Vec<u32> = part.iter().flat_map(|&i| triangles[i as usize]).collect();
-            own.sort_unstable();
-            own.dedup();
-            parts += 1;
-            vertices += own.len();
-        });
-        assert_eq!(parts, 16);
-        // 81 each where all are squares of 64; 101 without smoothing.
-        assert!(vertices < 16 * 92, "{vertices}");
+        Splitter::default().smooth(&shape, &mut order, 1024);
+        let after = shared(&order);
+        assert!(after * 5 < before * 4, "{after} of {before}");
+        order.sort_unstable();
+        assert!(order.into_iter().eq(0..2048));
     }
 }

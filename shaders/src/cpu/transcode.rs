@@ -1,4 +1,4 @@
-//! Twin of `wgsl/transcode.wgsl`: gathers each word of the memory form from the planes of the disk form.
+//! Twin of `wgsl/transcode.wgsl`: gathers each word of the memory form from the planes of the staged form.
 
 use lodestream_format::disk_form::{DiskForm, FIELDS};
 use lodestream_format::memory_form::{

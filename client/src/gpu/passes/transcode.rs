@@ -1,4 +1,4 @@
-//! Pages from their disk form, through a staging buffer, into the pool.
+//! Pages in staged form, through a staging buffer, into the pool.
 
 use lodestream_format::disk_form::DiskForm;
 use lodestream_shaders::passes;
