@@ -423,8 +423,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            3,
-            "2ffd88a9d481ba1af619b3ee3a970ed4ec352b8e19d7faba86c65e6291f36b6b"
+            4,
+            "fd4eceb39d2e26685acb9dba941f775c8ca8cdf53820aed8069f78c4e9ae7d6d"
         ),
     );
 }

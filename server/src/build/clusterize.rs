@@ -3,6 +3,7 @@
 use lodestream_format::cluster::NO_GROUP;
 use lodestream_format::limits::{MAX_CLUSTER_TRIANGLES, MAX_CLUSTER_VERTICES};
 
+use super::centroids::Centroids;
 use super::cluster::{self, ClusterInfo, ClusterView, Witness};
 use super::split::{Shape, Splitter};
 use super::vertex::Vertex;
@@ -33,7 +34,7 @@ const EMPTY: u32 = u32::MAX;
 #[derive(Debug)]
 pub(super) struct Clusterizer {
     splitter: Splitter,
-    centroids: Vec<[f32; 3]>,
+    centroids: Centroids,
     order: Vec<u32>,
     /// Number of the cluster that last used each vertex, and its number there.
     vertex_of: Vec<(u32, u8)>,
@@ -52,7 +53,7 @@ impl Default for Clusterizer {
     fn default() -> Self {
         Self {
             splitter: Splitter::default(),
-            centroids: Vec::new(),
+            centroids: Centroids::default(),
             order: Vec::new(),
             vertex_of: Vec::new(),
             place_local: Vec::new(),
@@ -75,13 +76,7 @@ impl Clusterizer {
         if count == 0 {
             return out;
         }
-        // Thirds of the sum would do, but all that matters is the order.
-        self.centroids.clear();
-        self.centroids
-            .extend(surface.triangles.iter().map(|corners| {
-                let [a, b, c] = corners.map(|vertex| surface.vertices[vertex as usize].0.position);
-                std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) as f32)
-            }));
+        self.centroids.find(surface);
         self.vertex_of.clear();
         self.vertex_of.resize(surface.vertices.len(), (u32::MAX, 0));
         self.place_local.clear();
@@ -95,7 +90,7 @@ impl Clusterizer {
         let centroids = std::mem::take(&mut self.centroids);
         let shape = Shape {
             triangles: surface.triangles,
-            centroids: &centroids,
+            centroids: &centroids.of,
             vertices: surface.vertices.len(),
         };
         splitter.split(&shape, &mut order, parts, &mut |part| {

@@ -1,6 +1,11 @@
-//! Split: triangles into parts of equal number that are compact in space, by halving along the longest side. Each cut is
-//! smoothed: triangles that stick out over it change places, pair by pair, as long as the halves share fewer vertices then.
+//! Split: triangles into parts of equal number that are compact in space, by halving across the direction they are
+//! spread widest along. Each cut is smoothed: triangles that stick out over it change places, pair by pair, as long as the
+//! halves share fewer vertices then.
 
+use glam::Vec3;
+
+/// Steps towards the direction along which triangles are spread widest.
+const ITERATIONS: usize = 6;
 /// Times that a cut is looked over.
 const PASSES: usize = 3;
 
@@ -40,10 +45,12 @@ impl Splitter {
         }
         let lower_parts = parts / 2;
         let lower = (order.len() * lower_parts).div_ceil(parts);
-        let axis = longest_side(shape.centroids, order);
+        let along = longest_direction(shape.centroids, order);
         self.keys.clear();
         self.keys.extend(order.iter().map(|&index| {
-            (ascending(shape.centroids[index as usize][axis]) as u64) << 32 | index as u64
+            let [x, y, z] = shape.centroids[index as usize];
+            let key = x * along[0] + y * along[1] + z * along[2];
+            (ascending(key) as u64) << 32 | index as u64
         }));
         if lower > 0 && lower < self.keys.len() {
             self.keys.select_nth_unstable(lower);
@@ -128,6 +135,35 @@ impl Splitter {
             self.uses[vertex][1 - half] += 1;
         }
     }
+}
+
+/// The direction along which the centroids are spread widest: the first eigenvector of their covariance, by iteration from
+/// the longest side, of unit length.
+fn longest_direction(centroids: &[[f32; 3]], order: &[u32]) -> [f32; 3] {
+    let mut along = Vec3::ZERO;
+    along[longest_side(centroids, order)] = 1.0;
+    let Some(&first) = order.first() else {
+        return along.to_array();
+    };
+    // From a point among them, so that nothing cancels.
+    let origin = Vec3::from(centroids[first as usize]);
+    let mut sum = Vec3::ZERO;
+    let mut rows = [Vec3::ZERO; 3];
+    for &index in order {
+        let at = Vec3::from(centroids[index as usize]) - origin;
+        sum += at;
+        (0..3).for_each(|axis| rows[axis] += at * at[axis]);
+    }
+    let mean = sum / order.len() as f32;
+    (0..3).for_each(|axis| rows[axis] -= sum * mean[axis]);
+    for _ in 0..ITERATIONS {
+        let turned = rows[0] * along.x + rows[1] * along.y + rows[2] * along.z;
+        match turned.try_normalize() {
+            Some(unit) => along = unit,
+            None => break,
+        }
+    }
+    along.to_array()
 }
 
 /// The axis along which the centroids reach farthest.

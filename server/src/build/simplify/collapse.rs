@@ -15,6 +15,9 @@ use glam::Vec4;
 /// Square of the cosine between a triangle's normals before and after: beyond 75 degrees it has flipped.
 const FLIP_COSINE_SQUARED: f32 = 0.0625;
 
+/// How many times its cost a collapse must be worth that breaks a seam or a connection: 4 and 16 give much the same.
+const RELEASED: f32 = 8.0;
+
 pub(super) const NONE: u16 = u16::MAX;
 
 /// How freely places may collapse.
@@ -24,6 +27,16 @@ pub(super) enum Freedom {
     Kept,
     /// Seams of texture coordinates may be crossed at the price of their difference; parts may vanish.
     Released,
+}
+
+impl Freedom {
+    /// What the distance costs, in squares.
+    fn factor(self) -> f32 {
+        match self {
+            Self::Kept => 1.0,
+            Self::Released => RELEASED,
+        }
+    }
 }
 
 /// An edge that waits for its turn.
@@ -36,6 +49,18 @@ pub(super) struct Candidate {
     pub(super) backwards: bool,
     /// The other way has been refused.
     pub(super) last_chance: bool,
+    pub(super) freedom: Freedom,
+    /// It was refused, but not if it were free.
+    pub(super) strayed: bool,
+}
+
+/// Why a collapse does not happen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// Not as things lie now.
+    Plain,
+    /// Not while seams and connections are kept.
+    Kept,
 }
 
 /// A live triangle round a place that stays when the place moves: the corner there, and the places of the other two.
@@ -75,12 +100,8 @@ pub(super) struct Collapser<const L: usize> {
     pub(super) uses: Vec<u16>,
     pub(super) attributes: Vec<[Vec4; L]>,
     pub(super) attribute_quadrics: Vec<AttributeQuadric<L>>,
-    /// Largest mean square of the attributes' error so far.
-    pub(super) attribute_error_squared: f32,
     /// Whether a place on an open edge has moved.
     pub(super) open_moved: bool,
-    /// Whether a border between materials has moved other than along itself.
-    pub(super) material_crossed: bool,
     /// Place of each vertex.
     pub(super) place_of: Vec<u16>,
     pub(super) candidates: Vec<Candidate>,
@@ -115,9 +136,7 @@ impl<const L: usize> Default for Collapser<L> {
             uses: Vec::new(),
             attributes: Vec::new(),
             attribute_quadrics: Vec::new(),
-            attribute_error_squared: 0.0,
             open_moved: false,
-            material_crossed: false,
             place_of: Vec::new(),
             candidates: Vec::new(),
             costs: Vec::new(),
@@ -133,50 +152,75 @@ impl<const L: usize> Default for Collapser<L> {
 
 impl<const L: usize> Collapser<L> {
     /// Collapses until at most `target` triangles are left or nothing more is allowed.
-    pub fn run(&mut self, mesh: &GroupMesh, target: usize, freedom: Freedom, first: bool) {
-        self.enqueue(mesh, freedom, first);
+    pub fn run(&mut self, mesh: &GroupMesh, target: usize, first: bool) {
+        self.enqueue(mesh, first);
         while self.live > target {
             let Some((number, bucket)) = self.queue.pop() else {
                 return;
             };
-            let candidate = self.candidates[number as usize];
+            let mut candidate = self.candidates[number as usize];
             let ends = candidate.ends.map(|end| self.find(end));
             if ends[0] == ends[1] || self.is_double(candidate.ends, ends) {
                 continue;
             }
-            let mut backwards = candidate.backwards;
-            let mut last_chance = candidate.last_chance;
             let age = self.age[ends[0] as usize] + self.age[ends[1] as usize];
             if candidate.age != age || candidate.ends != ends {
-                let Some((cost, back)) = self.cheaper(mesh, ends, freedom) else {
+                let Some((cost, renewed)) = self.candidate(mesh, ends, candidate.freedom) else {
                     continue;
                 };
-                (backwards, last_chance) = (back, false);
-                self.candidates[number as usize] = Candidate {
-                    ends,
-                    age,
-                    backwards,
-                    last_chance,
-                };
+                candidate = renewed;
+                self.candidates[number as usize] = candidate;
                 if Queue::bucket(cost) > bucket {
                     self.queue.push(number, cost);
                     continue;
                 }
             }
-            let [from, to] = turned(ends, backwards);
-            if !self.collapse(mesh, from, to, freedom)
-                && !last_chance
-                && let Some(cost) = self.cost(mesh, to, from, freedom)
+            let [from, to] = turned(ends, candidate.backwards);
+            let Err(refusal) = self.collapse(mesh, from, to, candidate.freedom) else {
+                continue;
+            };
+            candidate.strayed |= refusal == Refusal::Kept;
+            if !candidate.last_chance
+                && let Some(cost) = self.cost(mesh, to, from, candidate.freedom)
             {
-                self.candidates[number as usize] = Candidate {
-                    ends,
-                    age,
-                    backwards: !backwards,
-                    last_chance: true,
-                };
+                candidate.backwards ^= true;
+                candidate.last_chance = true;
+                self.candidates[number as usize] = candidate;
+                self.queue.push(number, cost * candidate.freedom.factor());
+            } else if candidate.strayed
+                && candidate.freedom == Freedom::Kept
+                && let Some((cost, freer)) = self.candidate(mesh, ends, Freedom::Released)
+            {
+                self.candidates[number as usize] = freer;
                 self.queue.push(number, cost);
             }
         }
+    }
+
+    /// The cheaper way to collapse an edge, with its cost: released where it cannot be kept.
+    pub(super) fn candidate(
+        &self,
+        mesh: &GroupMesh,
+        ends: [u16; 2],
+        freedom: Freedom,
+    ) -> Option<(f32, Candidate)> {
+        let (cost, backwards, freedom) = match (self.cheaper(mesh, ends, freedom), freedom) {
+            (Some((cost, backwards)), _) => (cost, backwards, freedom),
+            (None, Freedom::Released) => return None,
+            (None, Freedom::Kept) => {
+                let (cost, backwards) = self.cheaper(mesh, ends, Freedom::Released)?;
+                (cost, backwards, Freedom::Released)
+            }
+        };
+        let candidate = Candidate {
+            ends,
+            age: self.age[ends[0] as usize] + self.age[ends[1] as usize],
+            backwards,
+            last_chance: false,
+            freedom,
+            strayed: false,
+        };
+        Some((cost * freedom.factor(), candidate))
     }
 
     pub fn find(&self, mut place: u16) -> u16 {
@@ -241,18 +285,20 @@ impl<const L: usize> Collapser<L> {
     }
 
     /// Moves all of `from` onto `to`, unless that would flip a triangle, or pinch the surface.
-    fn collapse(&mut self, mesh: &GroupMesh, from: u16, to: u16, freedom: Freedom) -> bool {
+    fn collapse(
+        &mut self,
+        mesh: &GroupMesh,
+        from: u16,
+        to: u16,
+        freedom: Freedom,
+    ) -> Result<(), Refusal> {
         let mut kept = std::mem::take(&mut self.kept);
         let allowed = self.allowed(mesh, from, to, freedom, &mut kept);
-        if let Some((pairs, count, sharing)) = &allowed {
-            let slot = |pair: &[u16; 2]| mesh.welder.vertices[pair[0] as usize].1;
-            let pairs = &pairs[..*count];
-            self.material_crossed |=
-                sharing < count && pairs.iter().any(|pair| slot(pair) != slot(&pairs[0]));
-            self.apply(mesh, from, to, pairs, &kept);
+        if let Ok((pairs, count)) = &allowed {
+            self.apply(mesh, from, to, &pairs[..*count], &kept);
         }
         self.kept = kept;
-        allowed.is_some()
+        allowed.map(|_| ())
     }
 
     fn apply(&mut self, mesh: &GroupMesh, from: u16, to: u16, pairs: &[[u16; 2]], kept: &[Kept]) {
@@ -292,13 +338,7 @@ impl<const L: usize> Collapser<L> {
             for &[own, target] in pairs {
                 let change = self.change(own, target);
                 let moved = self.attribute_quadrics[own as usize].moved(offset, &change);
-                let sum = &mut self.attribute_quadrics[target as usize];
-                sum.add(&moved);
-                if sum.base.weight > 0.0 {
-                    self.attribute_error_squared = self
-                        .attribute_error_squared
-                        .max(sum.base.c / sum.base.weight);
-                }
+                self.attribute_quadrics[target as usize].add(&moved);
             }
         }
         self.moved_to[from as usize] = to;
@@ -315,7 +355,7 @@ impl<const L: usize> Collapser<L> {
         to: u16,
         freedom: Freedom,
         kept: &mut Vec<Kept>,
-    ) -> Option<Pairs> {
+    ) -> Result<Pairs, Refusal> {
         kept.clear();
         let mut opposite = [NONE; 8];
         let mut dying = 0;
@@ -338,7 +378,7 @@ impl<const L: usize> Collapser<L> {
                 }
             };
             if dying == opposite.len() {
-                return None;
+                return Err(Refusal::Plain);
             }
             opposite[dying] = third;
             dying += 1;
@@ -346,8 +386,8 @@ impl<const L: usize> Collapser<L> {
         let strict = freedom == Freedom::Kept;
         // A place on an open edge moves along an open edge, which has one triangle.
         let leaves_edge = mesh.rules[from as usize] == OPEN && dying != 1;
-        if dying == 0 || strict && (kept.is_empty() || leaves_edge) {
-            return None;
+        if dying == 0 {
+            return Err(Refusal::Plain);
         }
         let at = |place: u16| mesh.positions[place as usize];
         let (before, after) = (at(from), at(to));
@@ -355,13 +395,14 @@ impl<const L: usize> Collapser<L> {
             .iter()
             .any(|own| flips(before, after, own.others.map(at)))
         {
-            return None;
+            return Err(Refusal::Plain);
         }
-        if strict && self.pinches(from, to, &opposite[..dying], kept) {
-            return None;
+        let changes = || kept.is_empty() || leaves_edge;
+        if strict && (changes() || self.pinches(from, to, &opposite[..dying], kept)) {
+            return Err(Refusal::Kept);
         }
         self.thirds[from as usize] = [opposite[0], opposite[1]];
-        self.pairs(mesh, from, to, freedom)
+        self.pairs(mesh, from, to, freedom).ok_or(Refusal::Kept)
     }
 
     /// The link condition (Dey et al., "Topology preserving edge contraction", 1999): the two ends have no neighbour in

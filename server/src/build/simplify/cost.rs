@@ -137,7 +137,7 @@ impl<const L: usize> Collapser<L> {
             }
             return Some(cost);
         }
-        let (pairs, count, _) = self.pairs(mesh, from, to, freedom)?;
+        let (pairs, count) = self.pairs(mesh, from, to, freedom)?;
         if L > 0 {
             for &[own, target] in &pairs[..count] {
                 cost += self.attribute_cost(offset, own, target);

@@ -1,9 +1,10 @@
-//! Borders between materials: how far they have moved, which no distance between surfaces tells.
+//! Materials: how far the borders between them have moved, and what is gone of them, which no distance between surfaces tells.
 
 use std::collections::HashMap;
 
 use super::group::GroupMesh;
 use super::nearest::{middle, to_segment};
+use super::quadric::{cross, dot, sub};
 
 type Segment = [[f32; 3]; 2];
 
@@ -24,6 +25,32 @@ pub(super) fn borders_moved(
     let old = borders(mesh, &mesh.triangles, origins);
     let new = borders(mesh, after, &mesh.positions);
     farthest(&old, &new, size).max(farthest(&new, &old, size))
+}
+
+/// The size of what is gone of a material that no triangle of `after` has: a stripe on a road lies on the road when it is
+/// gone, and yet its colour is missed, over the stripe. The root of its area over `origins`, units.
+pub(super) fn lost(mesh: &GroupMesh, origins: &[[f32; 3]], after: &[[u16; 3]]) -> f32 {
+    let slot = |corners: &[u16; 3]| mesh.welder.vertices[corners[0] as usize].1;
+    let mut slots: Vec<u16> = after.iter().map(slot).collect();
+    slots.sort_unstable();
+    slots.dedup();
+    let mut areas: Vec<(u16, f32)> = Vec::new();
+    for corners in &mesh.triangles {
+        let own = slot(corners);
+        if slots.binary_search(&own).is_ok() {
+            continue;
+        }
+        let [a, b, c] = mesh.places(*corners).map(|place| origins[place]);
+        let across = cross(sub(b, a), sub(c, a));
+        let area = 0.5 * dot(across, across).sqrt();
+        match areas.iter_mut().find(|(slot, _)| *slot == own) {
+            Some((_, sum)) => *sum += area,
+            None => areas.push((own, area)),
+        }
+    }
+    areas
+        .iter()
+        .fold(0.0, |most: f32, &(_, area)| most.max(area.sqrt()))
 }
 
 /// Edges with different materials on their sides.

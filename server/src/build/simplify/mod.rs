@@ -1,5 +1,6 @@
 //! Simplify: a group's triangles to half as many, what it shares with other groups untouched.
 
+mod attributes;
 mod collapse;
 mod cost;
 mod group;
@@ -18,7 +19,7 @@ use super::cluster::{ClusterView, Witness};
 use super::clusterize::{Clusterizer, Clusters, Surface};
 use super::measure;
 use super::vertex::Grids;
-use collapse::{Collapser, Freedom};
+use collapse::Collapser;
 use group::{GroupMesh, attribute_count};
 use quadric::{cross, dot, sub};
 pub(super) use witness::HANDED_ON;
@@ -26,12 +27,10 @@ use witness::{Court, Testimony};
 
 /// A result with more of the triangles left is not worth a level.
 const MOST_LEFT: f64 = 0.85;
-/// Sweeps over the edges that a group gets before seams are released.
+/// Sweeps over the edges of a group at most.
 const MOST_SWEEPS: usize = 4;
 /// Another sweep follows one that left at most this share of the triangles.
 const WORTH_A_SWEEP: f64 = 0.98;
-/// A result with at most this share of the triangles left needs no freer attempt.
-const GOOD_ENOUGH: f64 = 0.6;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
 const MARGIN: f64 = 1.3;
 /// Share of the group's size that rounding in f32 may hide.
@@ -207,15 +206,12 @@ fn collapse<const L: usize>(
     state.start(mesh, job.grids, &weights);
     let mut left = before;
     for sweep in 0..MOST_SWEEPS {
-        state.run(mesh, target, Freedom::Kept, sweep == 0);
+        state.run(mesh, target, sweep == 0);
         // What was refused may be allowed now that its neighbours have moved.
         if state.live <= target || state.live as f64 > WORTH_A_SWEEP * left as f64 {
             break;
         }
         left = state.live;
-    }
-    if state.live as f64 > GOOD_ENOUGH * before as f64 {
-        state.run(mesh, target, Freedom::Released, false);
     }
     if state.live as f64 > MOST_LEFT * before as f64 || state.live == 0 {
         return None;
@@ -235,53 +231,19 @@ fn collapse<const L: usize>(
         .filter(|&triangle| state.alive[triangle])
         .map(|triangle| state.corners[triangle])
         .collect();
-    // What is wrong with a triangle's normal or texture is wrong over that triangle and no farther: it cannot be seen
-    // from where the triangle is smaller than the error allowed.
-    let size = mesh.typical_edge(&live) as f64;
-    let attribute = (state.attribute_error_squared.max(0.0) as f64)
-        .sqrt()
-        .min(size);
-    let moved = material::borders_moved(mesh, origins, &live, size as f32);
-    let lost_material = match state.material_crossed {
-        true => size,
-        false => lost_material(mesh, &live, size),
-    };
+    let moved = material::borders_moved(mesh, origins, &live, mesh.typical_edge(&live));
+    let lost_material = material::lost(mesh, origins, &live);
+    let attribute = attributes::deviation(state, mesh, &live);
     Some(Outcome {
         triangles: live.iter().map(|corners| corners.map(u32::from)).collect(),
         witnesses,
         distance: margin(distance as f64),
         step: margin(step as f64),
         lost: margin(lost as f64),
-        attribute: attribute.max(lost_material).max(moved as f64),
+        attribute: attribute.max(lost_material).max(moved) as f64,
         open_edges_moved: state.open_moved,
         folded: state.folded.contains(&true),
     })
-}
-
-/// The size of the triangles where a material is gone: a stripe on a road lies on the road when it is gone, and yet its
-/// colour is missed, over the stripe. The same where borders of materials were crossed: squares of a chessboard merged.
-fn lost_material(mesh: &GroupMesh, live: &[[u16; 3]], size: f64) -> f64 {
-    let of = |triangles: &[[u16; 3]]| {
-        let slot = |corners: &[u16; 3]| mesh.welder.vertices[corners[0] as usize].1;
-        let mut slots: Vec<u16> = triangles.iter().map(slot).collect();
-        slots.sort_unstable();
-        slots.dedup();
-        slots
-    };
-    let one = mesh.welder.vertices.first().map(|first| first.1);
-    if mesh
-        .welder
-        .vertices
-        .iter()
-        .all(|vertex| Some(vertex.1) == one)
-    {
-        return 0.0;
-    }
-    if of(live).len() < of(&mesh.triangles).len() {
-        size
-    } else {
-        0.0
-    }
 }
 
 /// Vertex clustering, for loose parts and tangled topology. It knows nothing of attributes: all of them may be wrong, over

@@ -7,9 +7,8 @@ use super::quadric::sum;
 /// Most vertices of a place that are told apart.
 const MOST_WEDGES: usize = 16;
 
-/// Pairs of vertices, one to go and one to take its corners; how many there are, and how many of them, the first, share a
-/// triangle.
-pub(super) type Pairs = ([[u16; 2]; MOST_WEDGES], usize, usize);
+/// Pairs of vertices, one to go and one to take its corners, and how many there are.
+pub(super) type Pairs = ([[u16; 2]; MOST_WEDGES], usize);
 
 impl<const L: usize> Collapser<L> {
     /// The vertex of `to` in some triangle that it shares with `from`.
@@ -35,7 +34,7 @@ impl<const L: usize> Collapser<L> {
         let alone = [from, to].map(|place| self.only[place as usize]);
         if !alone.contains(&NONE) {
             pairs[0] = alone;
-            return Some((pairs, 1, 1));
+            return Some((pairs, 1));
         }
         let mut count = 0;
         for (triangle, k) in self.star(from) {
@@ -89,7 +88,7 @@ impl<const L: usize> Collapser<L> {
             }
             vertex = self.ring[vertex as usize];
             if vertex == first {
-                return Some((pairs, count, sharing));
+                return Some((pairs, count));
             }
         }
     }

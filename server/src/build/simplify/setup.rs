@@ -2,7 +2,7 @@
 
 use super::super::borders::{FREE, LOCKED, OPEN};
 use super::super::vertex::Grids;
-use super::collapse::{Candidate, Collapser, Freedom, NONE};
+use super::collapse::{Collapser, Freedom, NONE};
 use super::group::{GroupMesh, Weights};
 use super::pairs::seam;
 use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
@@ -68,8 +68,7 @@ impl<const L: usize> Collapser<L> {
             &mut self.attributes,
             (0..attributes).map(|vertex| mesh.attributes(grids, weights, uv_base, vertex)),
         );
-        (self.now, self.attribute_error_squared) = (0, 0.0);
-        (self.open_moved, self.material_crossed) = (false, false);
+        (self.now, self.open_moved) = (0, false);
         self.rings(mesh);
         for corner in (0..3 * triangles).rev() {
             let vertex = mesh.triangles[corner / 3][corner % 3] as usize;
@@ -148,7 +147,7 @@ impl<const L: usize> Collapser<L> {
     }
 
     /// Queues every live edge at what it costs now; the first time, open edges, folds and seams also get their planes.
-    pub(super) fn enqueue(&mut self, mesh: &GroupMesh, freedom: Freedom, first: bool) {
+    pub(super) fn enqueue(&mut self, mesh: &GroupMesh, first: bool) {
         if first {
             self.add_planes(mesh);
         }
@@ -166,15 +165,9 @@ impl<const L: usize> Collapser<L> {
                 if a > b && fixed != [true; 2] {
                     continue;
                 }
-                if let Some((cost, backwards)) = self.cheaper(mesh, [a, b], freedom) {
-                    let age = self.age[a as usize] + self.age[b as usize];
+                if let Some((cost, candidate)) = self.candidate(mesh, [a, b], Freedom::Kept) {
                     self.costs.push(cost);
-                    self.candidates.push(Candidate {
-                        ends: [a, b],
-                        age,
-                        backwards,
-                        last_chance: false,
-                    });
+                    self.candidates.push(candidate);
                 }
             }
         }
