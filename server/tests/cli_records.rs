@@ -424,7 +424,7 @@ fn the_builder_version_goes_with_the_bytes() {
         ),
         (
             4,
-            "fd4eceb39d2e26685acb9dba941f775c8ca8cdf53820aed8069f78c4e9ae7d6d"
+            "e7d327ed259ad501135f2f3df74a07b38b8c0fc707875d39138fc9c60d25d49b"
         ),
     );
 }

@@ -60,8 +60,9 @@ pub(super) fn grown(sphere: Sphere, grids: &Grids, clusters: &Clusters) -> Spher
 
 /// Error of a group's replacement, metres: the source's distance to it, its own to the source, or its attributes' error,
 /// whichever is largest, but never less than any member's. Its own distance to the source is that to its members and
-/// theirs to the source; both are errors at random to each other, so they add up as squares do. Nothing is farther off than the
-/// lod sphere is wide, which holds both surfaces and only grows toward the root.
+/// theirs to the source: at most their sum, and the root of their squares where both are errors at random to each other; half
+/// way between holds where one alone does not (`lodestream-loadtests build`). Nothing is farther off than the lod sphere is
+/// wide, which holds both surfaces and only grows toward the root.
 pub(super) fn parent_error(births: &[Birth], simplified: &Simplified, lod_sphere: &Sphere) -> f32 {
     let members = births
         .iter()
@@ -70,7 +71,10 @@ pub(super) fn parent_error(births: &[Birth], simplified: &Simplified, lod_sphere
     // At the outline of a fold all levels lie on the same side.
     let back = match simplified.folded {
         true => simplified.step_metres + members,
-        false => simplified.step_metres.hypot(members),
+        false => {
+            let step = simplified.step_metres;
+            0.5 * (step + members) + 0.5 * (step * step + members * members).sqrt()
+        }
     };
     // Where parts vanish, points that were near to them, and so were not handed on, are as far off as those now.
     let lost = match simplified.lost_metres > 0.0 {

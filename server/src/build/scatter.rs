@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::error::BuildError;
 use super::packed::pack;
-use super::split::{ascending, longest_side};
+use super::split::ascending;
 use super::store::Store;
 use super::survey::{Survey, centroid, unreadable};
 use super::vertex::{Grids, Vertex};
@@ -218,4 +218,19 @@ impl Tree {
         }
         (node - self.buckets) as u32
     }
+}
+/// The axis along which the centroids reach farthest.
+fn longest_side(centroids: &[[f32; 3]], order: &[u32]) -> usize {
+    let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
+    for &index in order {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(centroids[index as usize][axis]);
+            high[axis] = high[axis].max(centroids[index as usize][axis]);
+        }
+    }
+    let side = |axis: usize| high[axis] - low[axis];
+    (1..3).fold(
+        0,
+        |best, axis| if side(axis) > side(best) { axis } else { best },
+    )
 }

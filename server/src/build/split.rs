@@ -2,18 +2,19 @@
 //! spread widest along. Each cut is smoothed: triangles that stick out over it change places, pair by pair, as long as the
 //! halves share fewer vertices then.
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// Steps towards the direction along which triangles are spread widest.
 const ITERATIONS: usize = 6;
 /// Times that a cut is looked over.
 const PASSES: usize = 3;
 
-/// What is split: indices of all triangles' corners, below `vertices`, and their middles.
+/// What is split: indices of all triangles' corners, below `vertices`, and their middles, whose fourth
+/// numbers are 0.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shape<'a> {
     pub triangles: &'a [[u32; 3]],
-    pub centroids: &'a [[f32; 3]],
+    pub centroids: &'a [Vec4],
     pub vertices: usize,
 }
 
@@ -48,8 +49,7 @@ impl Splitter {
         let along = longest_direction(shape.centroids, order);
         self.keys.clear();
         self.keys.extend(order.iter().map(|&index| {
-            let [x, y, z] = shape.centroids[index as usize];
-            let key = x * along[0] + y * along[1] + z * along[2];
+            let key = shape.centroids[index as usize].dot(along);
             (ascending(key) as u64) << 32 | index as u64
         }));
         if lower > 0 && lower < self.keys.len() {
@@ -138,24 +138,26 @@ impl Splitter {
 }
 
 /// The direction along which the centroids are spread widest: the first eigenvector of their covariance, by iteration from
-/// the longest side, of unit length.
-fn longest_direction(centroids: &[[f32; 3]], order: &[u32]) -> [f32; 3] {
-    let mut along = Vec3::ZERO;
-    along[longest_side(centroids, order)] = 1.0;
-    let Some(&first) = order.first() else {
-        return along.to_array();
-    };
+/// the axis of the largest variance. Its fourth number is 0.
+fn longest_direction(centroids: &[Vec4], order: &[u32]) -> Vec4 {
     // From a point among them, so that nothing cancels.
-    let origin = Vec3::from(centroids[first as usize]);
-    let mut sum = Vec3::ZERO;
-    let mut rows = [Vec3::ZERO; 3];
+    let origin = order
+        .first()
+        .map_or(Vec4::ZERO, |&first| centroids[first as usize]);
+    let mut sum = Vec4::ZERO;
+    let mut rows = [Vec4::ZERO; 3];
     for &index in order {
-        let at = Vec3::from(centroids[index as usize]) - origin;
+        let at = centroids[index as usize] - origin;
         sum += at;
-        (0..3).for_each(|axis| rows[axis] += at * at[axis]);
+        rows[0] += at * at.x;
+        rows[1] += at * at.y;
+        rows[2] += at * at.z;
     }
-    let mean = sum / order.len() as f32;
+    let mean = sum / order.len().max(1) as f32;
     (0..3).for_each(|axis| rows[axis] -= sum * mean[axis]);
+    let variance = Vec3::new(rows[0].x, rows[1].y, rows[2].z);
+    let mut along = Vec4::ZERO;
+    along[variance.max_position()] = 1.0;
     for _ in 0..ITERATIONS {
         let turned = rows[0] * along.x + rows[1] * along.y + rows[2] * along.z;
         match turned.try_normalize() {
@@ -163,23 +165,7 @@ fn longest_direction(centroids: &[[f32; 3]], order: &[u32]) -> [f32; 3] {
             None => break,
         }
     }
-    along.to_array()
-}
-
-/// The axis along which the centroids reach farthest.
-pub(super) fn longest_side(centroids: &[[f32; 3]], order: &[u32]) -> usize {
-    let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
-    for &index in order {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(centroids[index as usize][axis]);
-            high[axis] = high[axis].max(centroids[index as usize][axis]);
-        }
-    }
-    let side = |axis: usize| high[axis] - low[axis];
-    (1..3).fold(
-        0,
-        |best, axis| if side(axis) > side(best) { axis } else { best },
-    )
+    along
 }
 
 /// Bits that ascend as the number does.
@@ -194,8 +180,8 @@ mod tests {
 
     #[test]
     fn parts_are_equal_and_hold_everything_once() {
-        let centroids: Vec<[f32; 3]> = (0..1000u32)
-            .map(|i| [(i * 37 % 101) as f32, (i * 53 % 97) as f32 - 48.0, 0.0])
+        let centroids: Vec<Vec4> = (0..1000u32)
+            .map(|i| Vec4::new((i * 37 % 101) as f32, (i * 53 % 97) as f32 - 48.0, 0.0, 0.0))
             .collect();
         let mut seen = vec![0; 1000];
         let mut order: Vec<u32> = (0..1000).rev().collect();
@@ -228,9 +214,9 @@ mod tests {
         }
         // As on a rough surface, whose centroids leap from triangle to triangle.
         let rough = |index: u32| (index.wrapping_mul(2_654_435_761) >> 28) as f32 / 4.0;
-        let centroids: Vec<[f32; 3]> = (0u32..)
+        let centroids: Vec<Vec4> = (0u32..)
             .zip(&triangles)
-            .map(|(index, corners)| [(corners[0] % row) as f32 + rough(index), 0.0, 0.0])
+            .map(|(index, corners)| Vec4::X * ((corners[0] % row) as f32 + rough(index)))
             .collect();
         let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
         order.sort_by(|&a, &b| centroids[a as usize][0].total_cmp(&centroids[b as usize][0]));

@@ -92,6 +92,9 @@ pub(super) struct Collapser<const L: usize> {
     pub(super) normals: Vec<[f32; 3]>,
     /// Whether the surface lies on itself round a place, or round one that has gone there.
     pub(super) folded: Vec<bool>,
+    /// Whether there is a crease at a place, or one that has gone there, or that was released: a mean over the planes says
+    /// little of a narrow side's.
+    pub(super) creased: Vec<bool>,
     /// Next vertex of the same place, in a ring.
     pub(super) ring: Vec<u16>,
     /// The vertex of each place that has one, or [`NONE`].
@@ -131,6 +134,7 @@ impl<const L: usize> Default for Collapser<L> {
             quadrics: Vec::new(),
             normals: Vec::new(),
             folded: Vec::new(),
+            creased: Vec::new(),
             ring: Vec::new(),
             only: Vec::new(),
             uses: Vec::new(),
@@ -296,6 +300,8 @@ impl<const L: usize> Collapser<L> {
         let allowed = self.allowed(mesh, from, to, freedom, &mut kept);
         if let Ok((pairs, count)) = &allowed {
             self.apply(mesh, from, to, &pairs[..*count], &kept);
+            self.creased[to as usize] |=
+                self.creased[from as usize] || freedom == Freedom::Released;
         }
         self.kept = kept;
         allowed.map(|_| ())

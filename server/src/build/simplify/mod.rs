@@ -32,7 +32,9 @@ const MOST_SWEEPS: usize = 4;
 /// Another sweep follows one that left at most this share of the triangles.
 const WORTH_A_SWEEP: f64 = 0.98;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
-const MARGIN: f64 = 1.3;
+const MARGIN: f64 = 1.2;
+/// The same for the new surface, which is sampled where it is loose.
+const STEP_MARGIN: f64 = 1.25;
 /// Share of the group's size that rounding in f32 may hide.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 /// Triangles of a full cluster.
@@ -184,10 +186,10 @@ struct Outcome {
     folded: bool,
 }
 
-/// A measured distance with what the samples may have missed.
-fn margin(distance: f64) -> f64 {
+/// A measured distance with what the samples may have missed, `share` of it.
+fn margin(distance: f64, share: f64) -> f64 {
     match distance > 0.0 {
-        true => distance * MARGIN + ROUNDING,
+        true => distance * share + ROUNDING,
         false => 0.0,
     }
 }
@@ -237,9 +239,9 @@ fn collapse<const L: usize>(
     Some(Outcome {
         triangles: live.iter().map(|corners| corners.map(u32::from)).collect(),
         witnesses,
-        distance: margin(distance as f64),
-        step: margin(step as f64),
-        lost: margin(lost as f64),
+        distance: margin(distance as f64, MARGIN),
+        step: margin(step as f64, STEP_MARGIN),
+        lost: margin(lost as f64, MARGIN),
         attribute: attribute.max(lost_material).max(moved) as f64,
         open_edges_moved: state.open_moved,
         folded: state.folded.contains(&true),
@@ -267,9 +269,9 @@ fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
     };
     Some(Outcome {
         attribute: mesh.typical_edge(&triangles) as f64,
-        distance: margin(step.max(farthest)),
-        step: margin(step),
-        lost: margin(step),
+        distance: margin(step.max(farthest), MARGIN),
+        step: margin(step, MARGIN),
+        lost: margin(step, MARGIN),
         witnesses,
         triangles: triangles
             .iter()

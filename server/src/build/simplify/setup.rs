@@ -13,6 +13,8 @@ const OPEN_EDGE_WEIGHT: f32 = 4.0;
 const SEAM_WEIGHT: f32 = 1.0;
 /// The normals round a place sum up to less than this share of their lengths where it is folded.
 const FOLDED: f32 = 0.5;
+/// The same where it is creased.
+const CREASED: f32 = 0.9;
 /// Square of the cosine between the normals on the sides of a fold, and of all sharper ones.
 const FOLD_COSINE_SQUARED: f32 = 0.9;
 /// Triangles flatter than this share of their longest edge have no gradients.
@@ -187,12 +189,17 @@ impl<const L: usize> Collapser<L> {
     /// Marks places where the surface lies on itself, as both sides of a leaf do along its outline: planes say nothing there
     /// of where it ends.
     fn find_folds(&mut self) {
-        let places = self.quadrics.iter().zip(&self.normals);
+        let places = || self.quadrics.iter().zip(&self.normals);
+        let turned = |(quadric, normal): (&Quadric, &[f32; 3]), least: f32| {
+            dot(*normal, *normal) < least * least * quadric.weight * quadric.weight
+        };
         refill(
             &mut self.folded,
-            places.map(|(quadric, normal)| {
-                dot(*normal, *normal) < FOLDED * FOLDED * quadric.weight * quadric.weight
-            }),
+            places().map(|place| turned(place, FOLDED)),
+        );
+        refill(
+            &mut self.creased,
+            places().map(|place| turned(place, CREASED)),
         );
     }
 

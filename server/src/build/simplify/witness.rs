@@ -24,6 +24,14 @@ const ENOUGH: f32 = 0.5;
 /// Places whose mean squared distance to their planes is more than this share of the largest squared distance are loose.
 const LOOSE: f32 = 0.1;
 
+/// Share of the largest squared distance that a triangle must have so that it is looked at once more.
+const CLOSE: f32 = 0.75;
+/// New triangles that are looked at once more, at more places.
+const CLOSER_LOOKS: usize = 4;
+/// Parts of a side of such a triangle.
+const CUTS: u32 = 5;
+const NOTHING: usize = usize::MAX;
+
 /// What the witnesses of a group say.
 #[derive(Debug, Default)]
 pub(in super::super) struct Testimony {
@@ -139,7 +147,8 @@ impl Court {
         testimony
     }
 
-    /// Marks the places whose quadrics promise an error near the largest one, and where they cannot: at folds.
+    /// Marks the places whose quadrics promise an error near the largest one, and where they cannot: at creases
+    /// and folds.
     fn find_loose<const L: usize>(
         &mut self,
         state: &Collapser<L>,
@@ -151,7 +160,7 @@ impl Court {
         self.loose.extend((0..origins.len()).map(|place| {
             let quadric = &state.quadrics[place];
             let offset = sub(mesh.positions[place], origins[place]);
-            state.folded[place] || quadric.at(offset) > LOOSE * worst * quadric.weight
+            state.creased[place] || quadric.at(offset) > LOOSE * worst * quadric.weight
         }));
     }
 
@@ -190,6 +199,8 @@ impl Court {
         let places = |&vertices: &[u16; 3]| mesh.places(vertices).map(|place| place as u16);
         self.old.set(origins, mesh.triangles.iter().map(places));
         let mut step = 0.0f32;
+        // The triangles that lie farthest off in samples so far, farthest first.
+        let mut farthest = [(0.0f32, NOTHING); CLOSER_LOOKS];
         for triangle in 0..state.corners.len() {
             let places = mesh.places(state.corners[triangle]);
             if !state.alive[triangle] || !places.iter().any(|&place| self.loose[place]) {
@@ -198,10 +209,11 @@ impl Court {
             let corners = places.map(|place| mesh.positions[place]);
             let [a, b, c] = corners;
             let center = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
+            let mut own = 0.0f32;
             let mut look_at = |at: [f32; 3], place: usize| {
-                let enough = (ENOUGH * worst).max(step);
+                let enough = (ENOUGH * worst).max(CLOSE * step);
                 if let Some((squared, _)) = self.old.nearest(at, &[place as u16], enough, enough) {
-                    step = step.max(squared);
+                    own = own.max(squared);
                 }
             };
             look_at(center, places[0]);
@@ -218,6 +230,30 @@ impl Court {
                         look_at(middle(from, to), places[side]);
                     }
                     look_at(middle(corners[side], center), places[side]);
+                }
+            }
+            step = step.max(own);
+            let rank = farthest.iter().position(|&(other, _)| own > other);
+            if let Some(rank) = rank.filter(|_| own > 0.0) {
+                farthest[rank..].rotate_right(1);
+                farthest[rank] = (own, triangle);
+            }
+        }
+        for (own, triangle) in farthest {
+            if triangle == NOTHING || own < CLOSE * step {
+                break;
+            }
+            let places = mesh.places(state.corners[triangle]);
+            let corners = places.map(|place| mesh.positions[place]);
+            for (weights, nearest) in between() {
+                let at = std::array::from_fn(|axis| {
+                    (0..3)
+                        .map(|corner| weights[corner] * corners[corner][axis])
+                        .sum()
+                });
+                let place = [places[nearest] as u16];
+                if let Some((squared, _)) = self.old.nearest(at, &place, step, step) {
+                    step = step.max(squared);
                 }
             }
         }
@@ -276,6 +312,17 @@ pub(super) fn after_merge(
     let handed_on = (0..).zip(&farthest).filter(|(_, own)| own.0 > least);
     let witnesses = handed_on.map(|(triangle, &(_, position))| Witness { position, triangle });
     (witnesses.collect(), worst.sqrt())
+}
+
+/// Weights of the corners at the points of a triangle that cut its sides in `CUTS` parts, and the corner that is nearest,
+/// without the corners themselves.
+fn between() -> impl Iterator<Item = ([f32; 3], usize)> {
+    let rows = (0..=CUTS).flat_map(|a| (0..=CUTS - a).map(move |b| [a, b, CUTS - a - b]));
+    let inner = rows.filter(|parts| !parts.contains(&CUTS));
+    inner.map(|parts| {
+        let nearest = (0..3).fold(0, |best, k| if parts[k] > parts[best] { k } else { best });
+        (parts.map(|part| part as f32 / CUTS as f32), nearest)
+    })
 }
 
 /// Squared distance to the nearest open edge at `place`; 0 where there is none.
