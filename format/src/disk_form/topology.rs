@@ -244,33 +244,51 @@ pub fn canonical(cluster: &Cluster) -> Cluster {
         uvs: picked(&order, &cluster.uvs),
         colors: picked(&order, &cluster.colors),
         triangles,
-        ..cluster.clone()
+        materials: cluster.materials.clone(),
+        level: cluster.level,
+        group: cluster.group,
+        child_group: cluster.child_group,
     }
 }
+
+/// No corner.
+const NONE: u16 = u16::MAX;
 
 /// Triangles of one material that are put in order.
 struct Run<'a> {
     triangles: &'a [[u8; 3]],
     left: [bool; 256],
-    /// Beginning and end of every edge, and its triangle and corner, sorted.
-    edges: Vec<([u8; 2], u8, u8)>,
+    /// First corner at each vertex and the next of each, ascending; corner = 3 triangle + turn.
+    first: [u16; 256],
+    next: Vec<u16>,
 }
 
 impl<'a> Run<'a> {
     fn new(triangles: &'a [[u8; 3]]) -> Self {
-        let corners = (0u8..).zip(triangles).flat_map(|(index, triangle)| {
-            (0..3u8).map(move |turn| {
-                let [from, to] = [turn, (turn + 1) % 3].map(|corner| triangle[corner as usize]);
-                ([from, to], index, turn)
-            })
-        });
-        let mut edges: Vec<_> = corners.collect();
-        edges.sort_unstable();
+        let mut first = [NONE; 256];
+        let mut next = vec![NONE; 3 * triangles.len()];
+        for (corner, &vertex) in triangles.as_flattened().iter().enumerate().rev() {
+            next[corner] = std::mem::replace(&mut first[vertex as usize], corner as u16);
+        }
         Self {
             triangles,
             left: [true; 256],
-            edges,
+            first,
+            next,
         }
+    }
+
+    /// The first triangle left with an edge, and how far it has to turn to begin with it.
+    fn with_edge(&self, [from, to]: [u8; 2]) -> Option<(usize, usize)> {
+        let mut corner = self.first[from as usize];
+        while corner != NONE {
+            let (index, turn) = (corner as usize / 3, corner as usize % 3);
+            if self.left[index] && self.triangles[index][(turn + 1) % 3] == to {
+                return Some((index, turn));
+            }
+            corner = self.next[corner as usize];
+        }
+        None
     }
 
     /// A triangle beyond an open edge, and how far it has to turn to begin with that edge: beyond the newest that it closes
@@ -284,18 +302,14 @@ impl<'a> Run<'a> {
         let mut newest = None;
         for edge in open.edges[..open.count].iter().rev() {
             let ends = [edge[0], edge[1]].map(|vertex| order[vertex as usize]);
-            let first = self.edges.partition_point(|own| own.0 < ends);
-            let same = self.edges[first..].iter().take_while(|own| own.0 == ends);
-            let mut left = same.filter(|own| self.left[own.1 as usize]);
-            let Some(&(_, index, turn)) = left.next() else {
+            let Some((index, turn)) = self.with_edge(ends) else {
                 continue;
             };
-            let found = Some((index as usize, turn as usize));
-            let third = number[self.triangles[index as usize][(turn as usize + 2) % 3] as usize];
+            let third = number[self.triangles[index][(turn + 2) % 3] as usize];
             if third != UNSEEN && open.closes(edge[0], edge[1], third as u8) {
-                return found;
+                return Some((index, turn));
             }
-            newest = newest.or(found);
+            newest = newest.or(Some((index, turn)));
         }
         newest
     }
