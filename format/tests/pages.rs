@@ -4,7 +4,7 @@
 
 mod common;
 
-use lodestream_format::cluster::Attributes;
+use lodestream_format::cluster::{Attributes, MaterialRange};
 use lodestream_format::disk_form::{self, DiskForm};
 use lodestream_format::frame::{self, Codec};
 use lodestream_format::memory_form::{self, ClusterView};
@@ -74,7 +74,7 @@ proptest! {
     #[test]
     fn both_forms_give_the_clusters_back(
         (attributes, clusters) in common::attributes()
-            .prop_flat_map(|attributes| (Just(attributes), prop::collection::vec(common::cluster(attributes), 1..12)))
+            .prop_flat_map(|attributes| (Just(attributes), common::page(attributes)))
     ) {
         let ordered: Vec<_> = clusters.iter().map(disk_form::canonical).collect();
         let memory = memory_form::encode(&ordered, attributes, 9).unwrap();
@@ -95,12 +95,13 @@ proptest! {
     }
 }
 
-/// Version 2 of the disk form and version 1 of the memory form, pinned: changing a byte of the layout needs a new magic.
+/// Version 3 of the disk form and version 1 of the memory form, pinned: changing a byte of the layout needs a new magic.
 #[test]
 fn golden_bytes() {
     let clusters = common::fixed();
     let disk = disk_form::encode(&clusters, ALL, 2).unwrap();
     let memory = memory_form::encode(&clusters, ALL, 2).unwrap();
+    assert!(disk[disk_form::header_word::SHARED_VERTICES] > 0);
     let hash = |words: &[u32]| ContentHash::of(bytemuck::cast_slice(words)).to_string();
     assert_eq!(
         (disk.len(), hash(&disk)),
@@ -117,13 +118,56 @@ fn golden_bytes() {
 }
 
 const GOLDEN_DISK: (usize, &str) = (
-    118,
-    "64db0b4c8d6f4be8cbe3b35ff46a8f288a8453197fd8c959a20dc85722158ca8",
+    136,
+    "d6470001a428ce76f8302fc703099ca892933e2dbc5effe1d53254b5e0e61bd0",
 );
 const GOLDEN_MEMORY: (usize, &str) = (
-    73,
-    "4dc3cf3e4acf4b9a7249fef8179569190d2d23f2e16594aa596b04ac05d1057a",
+    104,
+    "fe4472397a1c291084ce970ddfab607af533383283ce29adaeebc496511d3fcb",
 );
+
+/// A vertex is stored once in a page, but at a cluster's beginning; what refers to no earlier cluster is refused.
+#[test]
+fn a_border_is_stored_once() {
+    let sheet = |from: i32| Cluster {
+        positions: (0..81)
+            .map(|v: i32| [from + v % 9, v / 9, v * v % 7])
+            .collect(),
+        triangles: (0..64u8)
+            .flat_map(|square| {
+                let a = square / 8 * 9 + square % 8;
+                [[a, a + 1, a + 10], [a, a + 10, a + 9]]
+            })
+            .collect(),
+        materials: vec![MaterialRange {
+            slot: 0,
+            triangle_count: 128,
+        }],
+        ..Cluster::default()
+    };
+    let mut right = sheet(8);
+    for row in 0..9 {
+        right.positions[row * 9] = sheet(0).positions[row * 9 + 8];
+    }
+    let clusters = [sheet(0), right];
+    let disk = disk_form::encode(&clusters, Attributes(0), 0).unwrap();
+    let shared = disk[disk_form::header_word::SHARED_VERTICES];
+    assert!((6..=9).contains(&shared), "{shared} of nine");
+    let form = DiskForm::parse(disk.clone()).unwrap();
+    let ordered: Vec<Cluster> = clusters.iter().map(disk_form::canonical).collect();
+    assert_eq!(form.clusters(), ordered);
+    // The first reference lies after 256 control bytes and the extra bytes: make it lead to the last vertex of all.
+    let words = |bytes: usize| bytes.div_ceil(4);
+    let extra = disk[disk_form::header_word::EXTRA_BYTES] as usize;
+    let columns = disk_form::HEADER_WORDS + 13 * 4 * words(2);
+    let first = columns + words(256) + words(extra);
+    let mut beyond = disk;
+    let number = 2 * 161u32;
+    beyond[first] = beyond[first] & !0xff | number & 0xff;
+    beyond[first + words(shared as usize)] |= number >> 8;
+    let error = DiskForm::parse(beyond).unwrap_err().to_string();
+    assert!(error.contains("before the cluster"), "{error}");
+}
 
 #[test]
 fn every_truncation_and_extension_is_rejected() {

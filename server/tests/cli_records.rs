@@ -423,8 +423,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            4,
-            "e7d327ed259ad501135f2f3df74a07b38b8c0fc707875d39138fc9c60d25d49b"
+            5,
+            "16acab0e9c239fb44a656af3487e241c9925dbc83063113a0eaceb09f87c7891"
         ),
     );
 }

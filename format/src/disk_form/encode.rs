@@ -1,6 +1,7 @@
 //! Clusters to disk form.
 
-use super::predict::{Values, difference};
+use super::predict::{NORMAL, Values, difference, is_normal};
+use super::shared::{Known, reference};
 use super::stored::Stored;
 use super::topology::{self, Event, canonical};
 use super::{FIELDS, Layout, MAGIC, header_word};
@@ -21,6 +22,8 @@ pub fn encode(
     let clusters: Vec<Cluster> = clusters.iter().map(canonical).collect();
     let mut tables = Vec::new();
     let (mut control, mut extra) = (Vec::new(), Vec::new());
+    let mut known = Known::default();
+    let mut vertices = Vertices::default();
     let headers: Vec<(ClusterHeader, u32)> = clusters
         .iter()
         .map(|cluster| {
@@ -29,9 +32,13 @@ pub fn encode(
                 header.0[cluster_word::MATERIALS] = tables.len() as u32;
                 tables.extend(table);
             }
-            let before = extra.len();
-            topology::encode(&cluster.triangles, &mut control, &mut extra);
-            (header, (extra.len() - before) as u32)
+            let known = known.take(cluster);
+            let shared: Vec<bool> = known.iter().map(|numbers| !numbers.is_empty()).collect();
+            let before = (control.len(), extra.len());
+            topology::encode(&cluster.triangles, &shared, &mut control, &mut extra);
+            let (control, extra) = (&control[before.0..], &extra[before.1..]);
+            vertices.take(cluster, &header, attributes, &known, control, extra);
+            (header, extra.len() as u32)
         })
         .collect();
     let all = headers.iter().map(|(header, _)| header);
@@ -55,7 +62,7 @@ pub fn encode(
     );
     let stored = Stored::new(
         clusters.len(),
-        vertex_count,
+        [vertices.references.len(), vertices.own],
         triangle_count,
         extra.len(),
         &layout.field_bytes,
@@ -76,6 +83,7 @@ pub fn encode(
     put(header_word::MEMORY_WORDS, memory_words as u32);
     put(header_word::PLANE_WIDTHS, plane_widths);
     put(header_word::EXTRA_BYTES, extra.len() as u32);
+    put(header_word::SHARED_VERTICES, stored.shared as u32);
     for (word, &value) in tables.iter().enumerate() {
         put(stored.tables / 4 + word, value);
     }
@@ -83,22 +91,16 @@ pub fn encode(
     bytes[stored.control..][..control.len()].copy_from_slice(&control);
     bytes[stored.extra..][..extra.len()].copy_from_slice(&extra);
 
-    let (mut first_vertex, mut control, mut extra) = (0, &control[..], &extra[..]);
-    for (cluster, (header, extras)) in clusters.iter().zip(&headers) {
-        let differences = differences(cluster, header, attributes, control, extra);
-        let mut plane = stored.vertex_planes + first_vertex;
-        for (field, &field_bytes) in layout.field_bytes.iter().enumerate() {
-            for byte in 0..field_bytes {
-                let own = &differences[field][..cluster.positions.len()];
-                for (slot, value) in bytes[plane..].iter_mut().zip(own) {
-                    *slot = (value >> (8 * byte)) as u8;
-                }
-                plane += stored.vertex_plane_bytes;
+    stored.write_references(&vertices.references, &mut bytes);
+    let mut plane = stored.vertex_planes;
+    for (field, &field_bytes) in layout.field_bytes.iter().enumerate() {
+        for byte in 0..field_bytes {
+            let own = &vertices.differences[field];
+            for (slot, value) in bytes[plane..].iter_mut().zip(own) {
+                *slot = (value >> (8 * byte)) as u8;
             }
+            plane += stored.vertex_plane_bytes;
         }
-        first_vertex += cluster.positions.len();
-        control = &control[cluster.triangles.len()..];
-        extra = &extra[*extras as usize..];
     }
     Ok(words(&bytes))
 }
@@ -109,31 +111,76 @@ pub(super) fn words(bytes: &[u8]) -> Vec<u32> {
     words.iter().map(|&word| u32::from_le_bytes(word)).collect()
 }
 
-/// How far every field of every vertex is from what is expected of it.
-fn differences(
-    cluster: &Cluster,
-    header: &ClusterHeader,
-    attributes: Attributes,
-    control: &[u8],
-    extra: &[u8],
-) -> [[u32; 256]; FIELDS] {
-    let bits = header.field_bits(attributes);
-    let mut values = Values::new();
-    let mut differences = [[0; 256]; FIELDS];
-    let own = &control[..cluster.triangles.len()];
-    let decoded = topology::decode(own, extra, |event| {
-        let Event::Vertex(beyond) = event else { return };
-        let vertex = values.count;
-        for field in (0..FIELDS).filter(|&field| bits[field] > 0) {
-            let value = offset(cluster, header, field, vertex);
-            let predicted = values.predict(field, beyond);
-            differences[field][vertex] = difference(value, predicted, bits[field]);
-            values.fields[field][vertex] = value;
+/// The vertices of a page as they are stored.
+#[derive(Debug, Default)]
+struct Vertices {
+    references: Vec<u16>,
+    /// Number of the vertex last referred to.
+    last: u16,
+    /// Vertices that are not references.
+    own: usize,
+    /// How far every field of the others is from what is expected of it.
+    differences: [Vec<u32>; FIELDS],
+}
+
+impl Vertices {
+    /// Takes up the vertices of a cluster in the order of its control bytes; `known` has their numbers in clusters before.
+    fn take(
+        &mut self,
+        cluster: &Cluster,
+        header: &ClusterHeader,
+        attributes: Attributes,
+        known: &[Vec<u16>],
+        control: &[u8],
+        extra: &[u8],
+    ) {
+        let bits = header.field_bits(attributes);
+        let mut values = Values::new();
+        let mut own: Vec<usize> = Vec::with_capacity(cluster.positions.len());
+        let decoded = topology::decode(control, extra, |event| {
+            let vertex = values.count;
+            let beyond = match event {
+                Event::Triangle(_) => return,
+                Event::Vertex(beyond) => {
+                    own.push(vertex);
+                    Some(beyond)
+                }
+                Event::Shared => {
+                    if let Some((stored, number)) = reference(self.last, &known[vertex]) {
+                        self.references.push(stored);
+                        self.last = number;
+                    }
+                    None
+                }
+            };
+            for field in (0..FIELDS).filter(|&field| bits[field] > 0) {
+                let value = offset(cluster, header, field, vertex);
+                if let (Some(beyond), false) = (beyond, is_normal(field)) {
+                    let predicted = values.predict(field, beyond);
+                    self.differences[field].push(difference(value, predicted, bits[field]));
+                }
+                values.fields[field][vertex] = value;
+            }
+            values.count += 1;
+        });
+        self.own += own.len();
+        if attributes.has(Attributes::NORMAL) {
+            let expected = values.expected_normals(&cluster.triangles);
+            for axis in 0..2 {
+                let field = NORMAL + axis;
+                self.differences[field].extend(own.iter().map(|&vertex| {
+                    let value = values.fields[field][vertex];
+                    difference(value, expected[vertex][axis], bits[field])
+                }));
+            }
         }
-        values.count += 1;
-    });
-    debug_assert!(decoded.is_ok(), "what was just encoded: {decoded:?}");
-    differences
+        // What has no bits here may have some in other clusters.
+        let all = self.own;
+        self.differences
+            .iter_mut()
+            .for_each(|field| field.resize(all, 0));
+        debug_assert!(decoded.is_ok(), "what was just encoded: {decoded:?}");
+    }
 }
 
 /// Value of a vertex field less the cluster's smallest, in plane order of the fields.

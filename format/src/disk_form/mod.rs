@@ -2,20 +2,22 @@
 //! into, from which `transcode` gathers the memory form.
 //!
 //! ```text
-//! stored: header (16 words) | columns (13) | control bytes | extra bytes | vertex planes | material tables
+//! stored: header (16 words) | columns (13) | control bytes | extra bytes | reference planes (2) | vertex planes | material tables
 //! staged: header (16 words) | columns (15, a word a cluster) | index planes (3) | vertex planes | material tables
 //! ```
 //!
 //! A plane holds one byte of one field of every cluster, triangle or vertex of the page, padded to a word. Vertex planes, in
 //! order: the bytes of x, y, z from low to high, then normal u, v, then texture u, v, then r, g, b, a. Staged values are what the
 //! memory form packs: offsets from the cluster's smallest value. Stored ones are how far those are from what is expected of them
-//! (see `predict`), and triangles are bytes that name edges (see `topology`).
+//! (see `predict`), and triangles are bytes that name edges (see `topology`). A vertex that an earlier cluster of the page has is stored
+//! as a reference to it (see `shared`).
 
 mod check;
 mod encode;
 mod form;
 mod parse;
 mod predict;
+mod shared;
 mod stored;
 mod topology;
 
@@ -27,8 +29,8 @@ pub use topology::canonical;
 use crate::cluster::Attributes;
 use crate::memory_form::CLUSTER_HEADER_WORDS;
 
-/// "LSD2".
-pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD2");
+/// "LSD3".
+pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD3");
 /// Words before the first column.
 pub const HEADER_WORDS: usize = 16;
 /// Staged columns: every word of a cluster header but its payload offset, which follows from the others.
@@ -56,6 +58,8 @@ pub mod header_word {
     pub const PLANE_WIDTHS: usize = 8;
     /// Extra bytes of all clusters; they are not staged.
     pub const EXTRA_BYTES: usize = 9;
+    /// Vertices that are references; they are staged like all others.
+    pub const SHARED_VERTICES: usize = 10;
 }
 
 /// Fields of a vertex in plane order.

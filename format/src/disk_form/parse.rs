@@ -3,14 +3,15 @@
 
 use super::check::{check_header, hex, within};
 use super::encode::words;
-use super::predict::{Values, value};
+use super::predict::{NORMAL, Values, is_normal, value};
+use super::shared::referred;
 use super::stored::Stored;
 use super::topology::{self, Edge, Event};
 use super::{DiskForm, FIELDS, HEADER_WORDS, Layout, MAGIC, header_word};
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
 use crate::limits::{MAX_DISK_FORM_BYTES, MAX_PAGE_CLUSTERS, PAGE_WORDS};
-use crate::memory_form::{CLUSTER_HEADER_WORDS, PAGE_HEADER_WORDS, cluster_word};
+use crate::memory_form::{CLUSTER_HEADER_WORDS, ClusterHeader, PAGE_HEADER_WORDS, cluster_word};
 
 /// Where one cluster's data begins in either form; follows from the headers before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -38,7 +39,7 @@ impl DiskForm {
         ensure(
             header[header_word::MAGIC] == MAGIC,
             "disk form magic",
-            "LSD2",
+            "LSD3",
             hex(header[header_word::MAGIC]),
         )?;
         let attributes = Attributes(header[header_word::ATTRIBUTES]);
@@ -48,7 +49,7 @@ impl DiskForm {
             "at most 7",
             attributes.0,
         )?;
-        let spare = header[header_word::EXTRA_BYTES + 1..]
+        let spare = header[header_word::SHARED_VERTICES + 1..]
             .iter()
             .find(|&&word| word != 0);
         ensure(
@@ -91,6 +92,11 @@ impl DiskForm {
             "disk form extra bytes",
             0..=3 * triangle_count,
         )?;
+        let shared = size(
+            header_word::SHARED_VERTICES,
+            "disk form shared vertices",
+            0..=vertex_count,
+        )?;
         let plane_widths = header[header_word::PLANE_WIDTHS];
         let layout = Layout::new(
             attributes,
@@ -108,7 +114,7 @@ impl DiskForm {
         )?;
         let stored = Stored::new(
             cluster_count,
-            vertex_count,
+            [shared, vertex_count - shared],
             triangle_count,
             extra_bytes,
             &layout.field_bytes,
@@ -169,11 +175,12 @@ impl DiskForm {
         let layout = self.layout;
         let mut staged = vec![0u8; 4 * layout.words];
         let mut extra = &bytes[stored.extra..][..stored.extra_bytes];
+        let mut vertices = Vertices::default();
         for (cluster, &extras) in extras.iter().enumerate() {
             let wrong = |expected: &str, found: &str| {
                 within(FormatError::new("triangles", expected, found), cluster)
             };
-            let (header, span) = (&mut self.headers[cluster], &self.spans[cluster]);
+            let (header, span) = (self.headers[cluster], &self.spans[cluster]);
             let Some((own_extra, rest)) = extra.split_at_checked(extras as usize) else {
                 return Err(wrong("as many extra bytes as there are", "more"));
             };
@@ -184,16 +191,25 @@ impl DiskForm {
                 bytes,
                 stored,
                 layout: &layout,
+                headers: &self.headers,
+                spans: &self.spans,
+                cluster,
                 bits: header.field_bits(attributes),
+                least: least(&header),
                 first_vertex: span.first_vertex as usize,
                 vertices: header.vertex_count() as usize,
+                read: vertices,
+                own: Vec::with_capacity(header.vertex_count() as usize),
+                triangles: Vec::with_capacity(control.len()),
                 values: Values::new(),
                 spare: 0,
             };
             let mut triangle = span.first_triangle as usize;
             let read = topology::decode(control, own_extra, |event| match event {
                 Event::Vertex(beyond) => reader.vertex(beyond),
+                Event::Shared => reader.shared(&staged),
                 Event::Triangle(corners) => {
+                    reader.triangles.push(corners);
                     for (corner, index) in corners.into_iter().enumerate() {
                         let plane = layout.index_planes + corner * layout.index_plane_words;
                         staged[4 * plane + triangle] = index;
@@ -201,21 +217,31 @@ impl DiskForm {
                     triangle += 1;
                 }
             });
-            let (vertices, used) =
-                read.map_err(|found| wrong("a control byte's meaning", found))?;
-            if vertices != reader.vertices || used != own_extra.len() {
-                let found = format!("{vertices} vertices, {used} extra bytes");
+            let (count, used) = read.map_err(|found| wrong("a control byte's meaning", found))?;
+            if count != reader.vertices || used != own_extra.len() {
+                let found = format!("{count} vertices, {used} extra bytes");
                 let expected = format!("{} and {}", reader.vertices, own_extra.len());
                 return Err(wrong(&expected, &found));
             }
             if reader.spare != 0 {
-                let error =
-                    FormatError::new("vertex differences", "within the field's bits", "more");
+                let error = FormatError::new(
+                    "vertex differences and references",
+                    "within the field's bits, before the cluster",
+                    "more",
+                );
                 return Err(within(error, cluster));
             }
+            reader.normals(attributes);
             let extent = reader.stage(&mut staged);
-            header.0[cluster_word::EXTENT..][..3].copy_from_slice(&extent);
+            vertices = reader.read;
+            self.headers[cluster].0[cluster_word::EXTENT..][..3].copy_from_slice(&extent);
         }
+        ensure(
+            vertices.shared == stored.shared && vertices.own == stored.own,
+            "shared vertices of all clusters",
+            stored.shared,
+            vertices.shared,
+        )?;
         if !extra.is_empty() {
             let found = format!("{} more", extra.len());
             return Err(FormatError::new(
@@ -274,18 +300,42 @@ impl DiskForm {
     }
 }
 
+/// Smallest value of each field of a cluster's vertices, which offsets count from.
+fn least(header: &ClusterHeader) -> [u32; FIELDS] {
+    let [x, y, z] = header.origin().map(|value| value as u32);
+    let [u, v] = header.uv_min().map(|value| value as u32);
+    let [r, g, b, a] = header.color_min().map(u32::from);
+    [x, y, z, 0, 0, u, v, r, g, b, a]
+}
+
+/// How many vertices have been read, of either kind, and the last that was referred to.
+#[derive(Debug, Clone, Copy, Default)]
+struct Vertices {
+    own: usize,
+    shared: usize,
+    last: u16,
+}
+
 /// Reads the vertices of a cluster as they come.
 struct Reader<'a> {
     bytes: &'a [u8],
     stored: &'a Stored,
     layout: &'a Layout,
-    /// Bits of each field.
+    headers: &'a [ClusterHeader],
+    spans: &'a [ClusterSpan],
+    cluster: usize,
+    /// Bits of each field, and its smallest value.
     bits: [u32; FIELDS],
-    /// First vertex in the planes, and how many there are.
+    least: [u32; FIELDS],
+    /// First vertex in the staged planes, and how many there are.
     first_vertex: usize,
     vertices: usize,
+    read: Vertices,
+    /// Vertices whose normals are differences until the triangles are known.
+    own: Vec<u8>,
+    triangles: Vec<[u8; 3]>,
     values: Values,
-    /// Bits of differences that lie above their fields'.
+    /// Bits of differences that lie above their fields'; references to what is not before the cluster set all.
     spare: u32,
 }
 
@@ -293,14 +343,16 @@ impl Reader<'_> {
     fn vertex(&mut self, beyond: Option<Edge>) {
         let vertex = self.values.count;
         // One too many is found when they are counted.
-        if vertex < self.vertices {
-            self.read(vertex, beyond);
+        if vertex < self.vertices && self.read.own < self.stored.own {
+            self.own(vertex, beyond);
         }
+        self.read.own += 1;
         self.values.count += 1;
     }
 
-    fn read(&mut self, vertex: usize, beyond: Option<Edge>) {
-        let mut plane = self.stored.vertex_planes + self.first_vertex + vertex;
+    fn own(&mut self, vertex: usize, beyond: Option<Edge>) {
+        self.own.push(vertex as u8);
+        let mut plane = self.stored.vertex_planes + self.read.own;
         for (field, &field_bytes) in self.layout.field_bytes.iter().enumerate() {
             let mut difference = 0;
             for byte in 0..field_bytes {
@@ -309,10 +361,61 @@ impl Reader<'_> {
             }
             let bits = self.bits[field];
             self.spare |= difference >> bits;
-            if bits > 0 {
+            if is_normal(field) {
+                self.values.fields[field][vertex] = difference;
+            } else if bits > 0 {
                 let predicted = self.values.predict(field, beyond);
                 self.values.fields[field][vertex] = value(difference, predicted, bits);
             }
+        }
+    }
+
+    /// Turns the normals' differences into normals.
+    fn normals(&mut self, attributes: Attributes) {
+        if !attributes.has(Attributes::NORMAL) {
+            return;
+        }
+        let expected = self.values.expected_normals(&self.triangles);
+        for &vertex in &self.own {
+            for axis in 0..2 {
+                let own = &mut self.values.fields[NORMAL + axis][vertex as usize];
+                let bits = self.bits[NORMAL + axis];
+                *own = value(*own, expected[vertex as usize][axis], bits);
+            }
+        }
+    }
+
+    fn shared(&mut self, staged: &[u8]) {
+        let vertex = self.values.count;
+        if vertex < self.vertices && self.read.shared < self.stored.shared {
+            let stored = self.stored.reference(self.bytes, self.read.shared);
+            self.read.last = referred(self.read.last, stored);
+            match (self.read.last as usize) < self.first_vertex {
+                true => self.copy(vertex, staged),
+                false => self.spare = u32::MAX,
+            }
+        }
+        self.read.shared += 1;
+        self.values.count += 1;
+    }
+
+    /// Copies the vertex last referred to, whose offsets count from its own cluster's smallest values.
+    fn copy(&mut self, vertex: usize, staged: &[u8]) {
+        let number = self.read.last as usize;
+        let before = &self.spans[..self.cluster];
+        let source = before.partition_point(|span| span.first_vertex as usize <= number) - 1;
+        let least = least(&self.headers[source]);
+        let mut plane = 4 * self.layout.vertex_planes + number;
+        for (field, &field_bytes) in self.layout.field_bytes.iter().enumerate() {
+            let mut offset = 0;
+            for byte in 0..field_bytes {
+                offset |= (staged[plane] as u32) << (8 * byte);
+                plane += 4 * self.layout.vertex_plane_words;
+            }
+            let moved = least[field].wrapping_sub(self.least[field]);
+            let offset = offset.wrapping_add(moved);
+            self.spare |= offset >> self.bits[field];
+            self.values.fields[field][vertex] = offset & ((1 << self.bits[field]) - 1);
         }
     }
 

@@ -29,6 +29,10 @@ pub(super) struct Stored {
     pub control: usize,
     pub extra: usize,
     pub extra_bytes: usize,
+    pub references: usize,
+    /// Vertices that are references, and those that are not.
+    pub shared: usize,
+    pub own: usize,
     pub vertex_planes: usize,
     pub vertex_plane_bytes: usize,
     pub tables: usize,
@@ -43,7 +47,7 @@ fn padded(bytes: usize) -> usize {
 impl Stored {
     pub fn new(
         clusters: usize,
-        vertices: usize,
+        [shared, own]: [usize; 2],
         triangles: usize,
         extra_bytes: usize,
         field_bytes: &[usize; FIELDS],
@@ -52,8 +56,9 @@ impl Stored {
         let columns = 4 * HEADER_WORDS;
         let control = columns + 4 * COLUMNS * padded(clusters);
         let extra = control + padded(triangles);
-        let vertex_planes = extra + padded(extra_bytes);
-        let vertex_plane_bytes = padded(vertices);
+        let references = extra + padded(extra_bytes);
+        let vertex_planes = references + 2 * padded(shared);
+        let vertex_plane_bytes = padded(own);
         let tables = vertex_planes + field_bytes.iter().sum::<usize>() * vertex_plane_bytes;
         Self {
             clusters,
@@ -61,6 +66,9 @@ impl Stored {
             control,
             extra,
             extra_bytes,
+            references,
+            shared,
+            own,
             vertex_planes,
             vertex_plane_bytes,
             tables,
@@ -102,6 +110,21 @@ impl Stored {
                 for (byte, value) in stored.to_le_bytes().into_iter().enumerate() {
                     bytes[self.column_plane(column, byte) + cluster] = value;
                 }
+            }
+        }
+    }
+
+    /// The stored number of a reference.
+    pub fn reference(&self, bytes: &[u8], number: usize) -> u16 {
+        let plane = |byte: usize| bytes[self.references + byte * padded(self.shared) + number];
+        u16::from_le_bytes([plane(0), plane(1)])
+    }
+
+    /// Writes them.
+    pub fn write_references(&self, references: &[u16], bytes: &mut [u8]) {
+        for (number, reference) in references.iter().enumerate() {
+            for (byte, value) in reference.to_le_bytes().into_iter().enumerate() {
+                bytes[self.references + byte * padded(self.shared) + number] = value;
             }
         }
     }

@@ -4,8 +4,8 @@
 //!
 //! The list holds the last [`MOST_EDGES`] open edges, each as the triangle beyond it would have it, and the corner of the triangle on this
 //! side. A control byte names the edge by its age in the high four bits, 0 the newest, and in the low four bits the third
-//! corner: 0 a new vertex; 1 to 14 the vertex that edge of age 0 to 13 leads to, or comes from where it does not begin at the end of the
-//! triangle's edge; 15 an extra byte, the count of vertices between it and the newest. A high half of 15 begins anew: the low
+//! corner: 0 a new vertex; 1 to 13 the vertex that edge of age 0 to 12 leads to, or comes from where it does not begin at the end of the
+//! triangle's edge; 14 a new vertex that an earlier cluster of the page has; 15 an extra byte, the count of vertices between it and the newest. A high half of 15 begins anew: the low
 //! bits say which of the three corners are new, the others are extra bytes. Vertices are numbered as they come.
 
 use crate::cluster::Cluster;
@@ -16,6 +16,8 @@ const UNSEEN: u16 = u16::MAX;
 const MOST_EDGES: usize = 15;
 /// High half of a control byte: no edge.
 const ANEW: u8 = 15;
+/// Low half of a control byte: the third corner is a vertex of an earlier cluster.
+const SHARED: u8 = 14;
 /// Low half of a control byte: the third corner is an extra byte.
 const FAR: u8 = 15;
 
@@ -83,6 +85,8 @@ impl OpenEdges {
 pub(super) enum Event {
     /// The next vertex, beyond an edge or after the vertex before it.
     Vertex(Option<Edge>),
+    /// The next vertex, one that an earlier cluster has.
+    Shared,
     Triangle([u8; 3]),
 }
 
@@ -135,6 +139,10 @@ pub(super) fn decode(
                 each(Event::Vertex(Some(edge)));
                 number(&mut vertices)?
             }
+            SHARED => {
+                each(Event::Shared);
+                number(&mut vertices)?
+            }
             FAR => far(vertices, &mut extras)?,
             _ => open
                 .third(low - 1, edge[1])
@@ -147,8 +155,13 @@ pub(super) fn decode(
     Ok((vertices, extras))
 }
 
-/// Control and extra bytes of triangles over vertices numbered as they come.
-pub(super) fn encode(triangles: &[[u8; 3]], control: &mut Vec<u8>, extra: &mut Vec<u8>) {
+/// Control and extra bytes of triangles over vertices numbered as they come; `shared` says which of them earlier clusters have.
+pub(super) fn encode(
+    triangles: &[[u8; 3]],
+    shared: &[bool],
+    control: &mut Vec<u8>,
+    extra: &mut Vec<u8>,
+) {
     let mut open = OpenEdges::default();
     let mut vertices = 0usize;
     for &triangle in triangles {
@@ -160,11 +173,11 @@ pub(super) fn encode(triangles: &[[u8; 3]], control: &mut Vec<u8>, extra: &mut V
             Some((age, position)) => {
                 open.remove(position);
                 let [_, end, third] = triangle;
-                let near = (0..FAR - 1).find(|&age| open.third(age, end) == Some(third));
+                let near = (0..SHARED - 1).find(|&age| open.third(age, end) == Some(third));
                 let low = match near {
                     _ if third as usize == vertices => {
                         vertices += 1;
-                        0
+                        if shared[third as usize] { SHARED } else { 0 }
                     }
                     Some(age) => age + 1,
                     None => {
@@ -370,20 +383,26 @@ mod tests {
         fn any_triangles_come_back(
             vertices in 1usize..=256,
             triangles in prop::collection::vec(any::<[u8; 3]>(), 1..=128),
+            shared in prop::collection::vec(any::<bool>(), 256),
         ) {
             let within = |triangle: [u8; 3]| triangle.map(|vertex| (vertex as usize % vertices) as u8);
             let before = cluster(vertices, triangles.into_iter().map(within).collect());
             let ordered = canonical(&before);
             prop_assert_eq!(surface(&ordered), surface(&before));
             let (mut control, mut extra) = (Vec::new(), Vec::new());
-            encode(&ordered.triangles, &mut control, &mut extra);
-            let mut read = Vec::new();
+            encode(&ordered.triangles, &shared, &mut control, &mut extra);
+            let (mut read, mut vertices) = (Vec::new(), Vec::new());
             let counts = decode(&control, &extra, |event| match event {
                 Event::Triangle(triangle) => read.push(triangle),
-                Event::Vertex(_) => {}
+                Event::Vertex(beyond) => vertices.push((false, beyond.is_some())),
+                Event::Shared => vertices.push((true, true)),
             });
             prop_assert_eq!(counts, Ok((ordered.positions.len(), extra.len())));
             prop_assert_eq!(read, ordered.triangles);
+            // Those of a beginning are never shared.
+            for ((is_shared, beyond), shared) in vertices.into_iter().zip(shared) {
+                prop_assert_eq!(is_shared, shared && beyond);
+            }
         }
     }
 
@@ -395,7 +414,7 @@ mod tests {
         });
         let ordered = canonical(&cluster(81, triangles.collect()));
         let (mut control, mut extra) = (Vec::new(), Vec::new());
-        encode(&ordered.triangles, &mut control, &mut extra);
+        encode(&ordered.triangles, &[false; 256], &mut control, &mut extra);
         let begun = control.iter().filter(|&&byte| byte >> 4 == ANEW).count();
         assert_eq!((control.len(), begun), (128, 1));
         assert!(extra.len() < 16, "{} extra bytes", extra.len());
@@ -408,7 +427,7 @@ mod tests {
         assert!(refused(&[0xf6], &[]).contains("more extra bytes"));
         assert!(refused(&[0xf6], &[0]).contains("names no vertex"));
         assert!(refused(&[0xf7, 0x0f], &[3]).contains("names no vertex"));
-        assert!(refused(&[0xf7, 0x0e], &[]).contains("corner at an edge"));
+        assert!(refused(&[0xf7, 0x0d], &[]).contains("corner at an edge"));
         assert!(refused(&[0xf8], &[]).contains("spare bits"));
         assert!(refused(&[0xf7; 86], &[]).contains("256 vertices"));
     }

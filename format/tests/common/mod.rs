@@ -5,7 +5,7 @@
 use lodestream_format::cluster::{Attributes, Cluster, MaterialRange, NO_GROUP};
 use proptest::prelude::*;
 
-/// Two clusters with every attribute; the second needs a material table.
+/// Three clusters with every attribute; the second needs a material table, the third has four vertices of the first.
 pub fn fixed() -> Vec<Cluster> {
     let cluster = |seed: i32, materials: Vec<MaterialRange>, group, child_group| Cluster {
         positions: (0..6)
@@ -30,10 +30,34 @@ pub fn fixed() -> Vec<Cluster> {
         slot,
         triangle_count,
     };
-    vec![
-        cluster(1_000, vec![range(0, 1), range(63, 2), range(7, 1)], 4, 17),
-        cluster(-77, vec![range(64, 3), range(65_000, 1)], 4, NO_GROUP),
-    ]
+    let first = cluster(1_000, vec![range(0, 1), range(63, 2), range(7, 1)], 4, 17);
+    let second = cluster(-77, vec![range(64, 3), range(65_000, 1)], 4, NO_GROUP);
+    let mut third = first.clone();
+    third.positions[1][2] += 5;
+    third.normals[4] = [3, 900];
+    vec![first, second, third]
+}
+
+/// Clusters, and after them as many that have vertices of one before, in another order and some of them changed.
+pub fn page(attributes: Attributes) -> impl Strategy<Value = Vec<Cluster>> {
+    let copies = prop::collection::vec(any::<(prop::sample::Index, u64)>(), 0..6);
+    (prop::collection::vec(cluster(attributes), 1..6), copies).prop_map(|(mut clusters, copies)| {
+        for (index, seed) in copies {
+            let mut copy = index.get(&clusters).clone();
+            copy.triangles.reverse();
+            for vertex in (0..copy.positions.len()).filter(|vertex| seed >> (vertex % 64) & 1 == 1)
+            {
+                copy.positions[vertex] = copy.positions[0];
+                if let (Some(first), Some(own)) =
+                    (copy.uvs.first().copied(), copy.uvs.get_mut(vertex))
+                {
+                    *own = first;
+                }
+            }
+            clusters.push(copy);
+        }
+        clusters
+    })
 }
 
 /// Any cluster that passes `Cluster::check` with `attributes`.
