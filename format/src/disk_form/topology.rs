@@ -5,8 +5,8 @@
 //! The list holds the last [`MOST_EDGES`] open edges, each as the triangle beyond it would have it, and the corner of the triangle on this
 //! side. A control byte names the edge by its age in the high four bits, 0 the newest, and in the low four bits the third
 //! corner: 0 a new vertex; 1 to 13 the vertex that edge of age 0 to 12 leads to, or comes from where it does not begin at the end of the
-//! triangle's edge; 14 a new vertex that an earlier cluster of the page has; 15 an extra byte, the count of vertices between it and the newest. A high half of 15 begins anew: the low
-//! bits say which of the three corners are new, the others are extra bytes. Vertices are numbered as they come.
+//! triangle's edge; 14 a new vertex that an earlier cluster of the page has; 15 an extra byte, the count of vertices between it and
+//! the newest. A high half of 15 begins anew: the low bits say which of the three corners are new, the others are extra bytes. Vertices are numbered as they come.
 
 use crate::cluster::Cluster;
 

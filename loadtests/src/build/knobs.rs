@@ -3,7 +3,7 @@
 //! A new knob of [`BuildOptions`] is one more line in [`ALL`].
 
 use lodestream_format::frame::Codec;
-use lodestream_server::build::{BuildOptions, PositionStep};
+use lodestream_server::build::{BuildOptions, Placement, PositionStep};
 use lodestream_server::import::Mesh;
 use rayon::ThreadPool;
 use serde::Serialize;
@@ -30,7 +30,7 @@ pub struct Knob {
 }
 
 /// Every knob there is.
-pub const ALL: [Knob; 2] = [
+pub const ALL: [Knob; 3] = [
     Knob {
         name: "position step",
         settings: |extent_metres| {
@@ -55,6 +55,18 @@ pub const ALL: [Knob; 2] = [
                 ..BuildOptions::default()
             };
             all.map(|(name, codec)| (name.into(), options(codec)))
+                .into()
+        },
+    },
+    Knob {
+        name: "placement",
+        settings: |_| {
+            let options = |placement| BuildOptions {
+                placement,
+                ..BuildOptions::default()
+            };
+            [Placement::Optimal, Placement::Subset]
+                .map(|placement| (placement.name().into(), options(placement)))
                 .into()
         },
     },
