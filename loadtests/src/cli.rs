@@ -51,6 +51,8 @@ pub enum Command {
     Compare(Compare),
     /// Hold our builder against clusterlod: time, memory, clusters, and errors measured on dense samples.
     Build(Build),
+    /// Measure a scene that a library holds against its own finest level: what groups promise, levels, open edges.
+    Measure(Measure),
     /// Peak memory of one build; what `build` runs for each of its rows.
     #[command(hide = true)]
     BuildMemory(BuildMemory),
@@ -235,6 +237,23 @@ pub struct Build {
     /// Leave out the memory of each row.
     #[arg(long)]
     pub no_memory: bool,
+}
+
+/// Arguments of `measure`.
+#[derive(Debug, Args)]
+pub struct Measure {
+    /// The library folder.
+    #[arg(value_name = "LIB")]
+    pub library: String,
+    /// The scene.
+    #[arg(long, value_name = "NAME")]
+    pub scene: String,
+    /// Assets of the scene, the largest first.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub largest: usize,
+    /// Samples each way a cut at most, about; 15 a triangle where that is fewer.
+    #[arg(long, value_name = "N", default_value_t = 300_000)]
+    pub samples: usize,
 }
 
 /// Arguments of `build-memory`.

@@ -8,6 +8,7 @@ use lodestream_client::trace::Trace;
 use lodestream_loadtests::build::memory::{self, MemoryOf};
 use lodestream_loadtests::build::print as build_print;
 use lodestream_loadtests::build::stability::{self, Sizes};
+use lodestream_loadtests::build::stored::{self, StoredError};
 use lodestream_loadtests::build::study::{self, StudyOptions as BuildStudyOptions};
 use lodestream_loadtests::build::target::{MeshesOf, StudyError};
 use lodestream_loadtests::compare::{self, CompareError, DepthImage, Picture};
@@ -17,11 +18,12 @@ use lodestream_loadtests::record::{self, RecordError};
 use lodestream_loadtests::report::{self, ReportError};
 use lodestream_loadtests::samples::{self, SampleError};
 use lodestream_server::build::BuildOptions;
+use lodestream_server::library::Library;
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::cli::{
-    Build, BuildMemory, Cli, Command, Common, Compare, Load, Policies, Record, Sample,
+    Build, BuildMemory, Cli, Command, Common, Compare, Load, Measure, Policies, Record, Sample,
     TransportName,
 };
 
@@ -60,6 +62,9 @@ pub enum CommandError {
     /// Builders.
     #[error(transparent)]
     Build(#[from] StudyError),
+    /// A stored scene.
+    #[error(transparent)]
+    Stored(#[from] StoredError),
     /// This program's own file.
     #[error("expected to find this program's file, found {0}")]
     Program(std::io::Error),
@@ -93,6 +98,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Sample(sample) => make_sample(sample)?,
         Command::Compare(files) => compare_pictures(&files)?,
         Command::Build(arguments) => return compare_builders(arguments, &cli.common),
+        Command::Measure(arguments) => return measure_stored(&arguments, &cli.common),
         Command::BuildMemory(arguments) => return build_memory(arguments),
         Command::Stability { full, case } => return measure_stability(full, &case, &cli.common),
         Command::Report { folder } => json!({ "page": report::write(&folder)? }),
@@ -117,6 +123,15 @@ fn compare_builders(arguments: Build, common: &Common) -> Result<(), CommandErro
     };
     let study = study::study(&options, |input| tracing::info!("building {input}"))?;
     finish_text(&build_print::study(&study), &value(&study), common)
+}
+
+fn measure_stored(arguments: &Measure, common: &Common) -> Result<(), CommandError> {
+    let runtime = tokio::runtime::Runtime::new().map_err(CommandError::Threads)?;
+    let library = Library::open(&arguments.library).map_err(StoredError::from)?;
+    let (largest, samples) = (arguments.largest, arguments.samples);
+    let stored = stored::measure(&library, &arguments.scene, largest, samples);
+    let stored = runtime.block_on(stored)?;
+    finish_text(&build_print::stored(&stored), &value(&stored), common)
 }
 
 fn build_memory(arguments: BuildMemory) -> Result<(), CommandError> {

@@ -6,6 +6,7 @@
 use std::collections::HashMap;
 
 use lodestream_format::cluster::NO_GROUP;
+use lodestream_format::disk_form::DiskForm;
 use lodestream_format::{Asset, FormatError, Hierarchy};
 use lodestream_server::build::{BuiltAsset, decode_pages};
 use lodestream_server::import::Mesh;
@@ -47,6 +48,9 @@ impl DagGroup {
     }
 }
 
+/// Places by their grid indices.
+pub(super) type Places = HashMap<[i32; 3], u32>;
+
 /// What a builder made.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ClusterDag {
@@ -70,35 +74,46 @@ impl ClusterDag {
         let hierarchy = Hierarchy::decode(&built.hierarchy_bytes, asset.pages.len() as u32)?;
         let step = asset.position_grid.step();
         let mut dag = Self::default();
-        let mut place_of: HashMap<[i32; 3], u32> = HashMap::new();
+        let mut places = Places::default();
         for page in &decode_pages(built)? {
             hierarchy.check_page(page)?;
-            for cluster in page.clusters() {
-                let places: Vec<u32> = cluster
-                    .positions
-                    .iter()
-                    .map(|&q| {
-                        *place_of.entry(q).or_insert_with(|| {
-                            dag.places.push(q.map(|q| (q as f64 * step) as f32));
-                            dag.places.len() as u32 - 1
-                        })
-                    })
-                    .collect();
-                let corners = cluster.triangles.iter();
-                dag.push(
-                    corners.map(|corners| corners.map(|corner| places[corner as usize])),
-                    DagCluster {
-                        first: 0,
-                        count: 0,
-                        vertices: cluster.positions.len() as u32,
-                        level: cluster.level.into(),
-                        group: cluster.group,
-                        child_group: Some(cluster.child_group).filter(|&it| it != NO_GROUP),
-                    },
-                );
-            }
+            dag.add_page(page, step, &mut places);
         }
-        dag.groups = hierarchy
+        dag.finish(&hierarchy);
+        Ok(dag)
+    }
+
+    /// Takes up the clusters of a page; `step` is the position step, metres.
+    pub(super) fn add_page(&mut self, page: &DiskForm, step: f64, known: &mut Places) {
+        for cluster in page.clusters() {
+            let places: Vec<u32> = cluster
+                .positions
+                .iter()
+                .map(|&q| {
+                    *known.entry(q).or_insert_with(|| {
+                        self.places.push(q.map(|q| (q as f64 * step) as f32));
+                        self.places.len() as u32 - 1
+                    })
+                })
+                .collect();
+            let corners = cluster.triangles.iter();
+            self.push(
+                corners.map(|corners| corners.map(|corner| places[corner as usize])),
+                DagCluster {
+                    first: 0,
+                    count: 0,
+                    vertices: cluster.positions.len() as u32,
+                    level: cluster.level.into(),
+                    group: cluster.group,
+                    child_group: Some(cluster.child_group).filter(|&it| it != NO_GROUP),
+                },
+            );
+        }
+    }
+
+    /// Takes up the groups, once all pages are in.
+    pub(super) fn finish(&mut self, hierarchy: &Hierarchy) {
+        self.groups = hierarchy
             .groups
             .iter()
             .map(|group| DagGroup {
@@ -111,8 +126,7 @@ impl ClusterDag {
                 replacement: Vec::new(),
             })
             .collect();
-        dag.link();
-        Ok(dag)
+        self.link();
     }
 
     /// Appends a cluster; its run is filled in.

@@ -1,7 +1,7 @@
 //! Builders held against each other and against the truth.
 //!
 //! `inputs` and files (`target`) are built and timed in turns (`rows`, `study`), memory in a process of its own (`memory`).
-//! Both builders' results become one shape (`dag`), which is measured (`distance`, `edges`, `curves`, `groups`).
+//! Both builders' results become one shape (`dag`), which is measured (`distance`, `edges`, `curves`, `groups`); so is what a library holds (`stored`).
 
 pub mod clusterlod;
 pub mod curves;
@@ -16,5 +16,6 @@ pub mod print;
 pub mod process;
 pub mod rows;
 pub mod stability;
+pub mod stored;
 pub mod study;
 pub mod target;

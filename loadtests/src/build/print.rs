@@ -3,8 +3,10 @@
 use serde::Serialize;
 use serde_json::Value;
 
+use super::curves::CutFigures;
 use super::stability::Stability;
-use super::study::Study;
+use super::stored::Stored;
+use super::study::{Promises, Study};
 use crate::report::number;
 
 /// A column: heading, and the key in a row of figures.
@@ -131,21 +133,7 @@ pub fn study(study: &Study) -> String {
         ],
         &study.equal_error,
     );
-    text += &table(
-        "\nour groups: stored against measured error",
-        &[
-            ("input", "input"),
-            ("groups", "groups"),
-            ("measured", "measured"),
-            ("bounded", "bounded_share"),
-            ("unbounded", "unbounded"),
-            ("worst excess", "worst_excess"),
-            ("below a step", "below_step"),
-            ("stored/measured p50", "ratio_p50"),
-            ("p95", "ratio_p95"),
-        ],
-        &study.promises,
-    );
+    text += &promises(&study.promises);
     text += &table(
         "\nopen edges over levels and uniform-error cuts",
         &[
@@ -172,19 +160,69 @@ pub fn study(study: &Study) -> String {
         &study.knobs,
     );
     for errors in &study.errors {
-        text += &table(
-            &format!("\n{}, {}: levels", errors.input, errors.builder),
-            &[
-                ("level", "by"),
-                ("triangles", "triangles"),
-                ("clusters", "clusters"),
-                ("stored m", "stored_metres"),
-                ("max m", "max_metres"),
-                ("rms m", "rms_metres"),
-                ("opened", "opened_edges"),
-            ],
-            &errors.levels,
-        );
+        text += &levels(&errors.input, errors.builder, &errors.levels);
     }
     text
+}
+
+/// The tables of a stored scene.
+pub fn stored(stored: &Stored) -> String {
+    let mut text = table(
+        "assets",
+        &[
+            ("asset", "input"),
+            ("triangles", "source_triangles"),
+            ("levels", "levels"),
+            ("groups", "groups"),
+            ("clusters", "clusters"),
+            ("fill", "fill"),
+            ("at 0", "fill_source"),
+            ("above", "fill_above"),
+            ("roots", "root_clusters"),
+            ("root tri", "root_triangles"),
+            ("B/tri", "stored_bytes_per_triangle"),
+            ("open", "source_open_edges"),
+            ("opened", "opened_edges"),
+        ],
+        &stored.rows,
+    );
+    text += &promises(&stored.promises);
+    for row in &stored.rows {
+        text += &levels(&row.input, "stored", &row.levels);
+    }
+    text
+}
+
+fn promises(promises: &[Promises]) -> String {
+    table(
+        "\nour groups: stored against measured error",
+        &[
+            ("input", "input"),
+            ("groups", "groups"),
+            ("measured", "measured"),
+            ("bounded", "bounded_share"),
+            ("unbounded", "unbounded"),
+            ("worst excess", "worst_excess"),
+            ("below a step", "below_step"),
+            ("stored/measured p50", "ratio_p50"),
+            ("p95", "ratio_p95"),
+        ],
+        promises,
+    )
+}
+
+fn levels(input: &str, builder: &str, levels: &[CutFigures]) -> String {
+    table(
+        &format!("\n{input}, {builder}: levels"),
+        &[
+            ("level", "by"),
+            ("triangles", "triangles"),
+            ("clusters", "clusters"),
+            ("stored m", "stored_metres"),
+            ("max m", "max_metres"),
+            ("rms m", "rms_metres"),
+            ("opened", "opened_edges"),
+        ],
+        levels,
+    )
 }
