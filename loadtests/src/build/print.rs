@@ -188,7 +188,7 @@ pub fn stored(stored: &Stored) -> String {
     );
     text += &promises(&stored.promises);
     for row in &stored.rows {
-        text += &levels(&row.input, "stored", &row.levels);
+        text += &levels(&row.input, "stored", &row.level_cuts);
     }
     text
 }

@@ -54,7 +54,7 @@ pub struct StoredRow {
     /// Most edges that a level opens.
     pub opened_edges: u64,
     /// Each level above the source.
-    pub levels: Vec<CutFigures>,
+    pub level_cuts: Vec<CutFigures>,
 }
 
 /// A scene, measured.
@@ -147,7 +147,7 @@ impl Stored {
                 / asset.source_triangles as f64,
             source_open_edges: measuring.border.open.len() as u64,
             opened_edges: levels.iter().map(|it| it.opened_edges).max().unwrap_or(0),
-            levels,
+            level_cuts: levels,
         });
     }
 }
