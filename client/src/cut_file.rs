@@ -5,7 +5,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use glam::DVec3;
-use lodestream_format::memory_form::ClusterView;
+use lodestream_format::cluster_view::ClusterView;
 use lodestream_shaders::SceneArrays;
 use lodestream_shaders::types::ClusterItem;
 

@@ -7,12 +7,13 @@ use std::time::Instant;
 
 use lodestream_format::cluster::NO_GROUP;
 use lodestream_format::disk_form::DiskForm;
+use lodestream_format::page_reader::PageReader;
 use lodestream_shaders::cpu::Camera;
 use lodestream_shaders::types::{ClusterItem, ShadeMode, View};
 
 use crate::camera::near_metres;
 use crate::error::ClientError;
-use crate::gpu::{self, Capacities, Gpu, PageUpload, Renderer};
+use crate::gpu::{self, Capacities, Gpu, Renderer};
 use crate::opening::{DEFAULT_POOL_BYTES, Opening, SessionOptions};
 use crate::report::{Drawn, Report};
 use crate::stream::{OpenedAsset, StreamError, decode_page, split_frames};
@@ -158,8 +159,9 @@ impl<'a> Batches<'a> {
         if instances.is_empty() {
             return Ok(());
         }
-        for (page, form) in (used.page_base..).zip(&used.root_pages) {
-            self.page(page, form, &instances)?;
+        let mut reader = PageReader::new(&used.asset);
+        for form in &used.root_pages {
+            self.page(used, form, &mut reader, &instances)?;
         }
         let pages = used.asset.pages.len() as u32;
         let mut first = used.asset.root_page_count;
@@ -175,7 +177,7 @@ impl<'a> Batches<'a> {
             for (page, frame) in (first..).zip(&frames) {
                 let decoded: Result<DiskForm, StreamError> =
                     decode_page(&used.hash, &used.asset, &used.hierarchy, page, frame);
-                self.page(used.page_base + page, &decoded?, &instances)?;
+                self.page(used, &decoded?, &mut reader, &instances)?;
                 report.pages_fetched += 1;
             }
             first = last + 1;
@@ -184,7 +186,16 @@ impl<'a> Batches<'a> {
     }
 
     /// Puts a page into the pool and its source triangles, for every instance, into the batch.
-    fn page(&mut self, page: u32, form: &DiskForm, instances: &[u32]) -> Result<(), ClientError> {
+    fn page(
+        &mut self,
+        used: &OpenedAsset,
+        form: &DiskForm,
+        reader: &mut PageReader,
+        instances: &[u32],
+    ) -> Result<(), ClientError> {
+        let page = used.page_base + form.page();
+        let place = format!("page {} of asset {}", form.page(), used.hash);
+        let memory = reader.read(form).map_err(StreamError::format(place))?;
         let leaves: Vec<u32> = (0..)
             .zip(form.headers())
             .filter(|(_, header)| header.child_group() == NO_GROUP)
@@ -193,18 +204,14 @@ impl<'a> Batches<'a> {
         if leaves.is_empty() {
             return Ok(());
         }
-        let words = form.memory_words() as u32;
+        let words = memory.len() as u32;
         if self.next_word as u64 + words as u64 > self.renderer.pool().words {
             self.flush()?;
             self.next_word = 0;
         }
         let page_word = self.next_word;
         self.next_word += words;
-        let upload = PageUpload {
-            form,
-            pool_word: page_word,
-        };
-        self.renderer.apply([], &[upload], [])?;
+        self.renderer.write_page(page_word, memory);
         for &instance in instances {
             for &cluster in &leaves {
                 if self.items.len() == self.renderer.capacities().clusters as usize {

@@ -150,6 +150,7 @@ impl Session {
             .map(|upload| PageUpload {
                 form: &upload.form,
                 pool_word: upload.word_offset,
+                parents: &upload.parents,
             })
             .collect();
         let evicted = changes.evicted.iter().copied();

@@ -5,67 +5,62 @@
 mod common;
 
 use lodestream_format::cluster::{Attributes, MaterialRange};
-use lodestream_format::disk_form::{self, DiskForm};
+use lodestream_format::cluster_view;
+use lodestream_format::disk_form::{self, DiskForm, Parent};
 use lodestream_format::frame::{self, Codec};
-use lodestream_format::memory_form::{self, ClusterView};
+use lodestream_format::memory_form;
 use lodestream_format::{Cluster, ContentHash};
 use proptest::prelude::*;
 
 const ALL: Attributes = Attributes(Attributes::ALL);
 
-fn read_back(words: &[u32], clusters: usize) -> Vec<Cluster> {
-    (0..clusters as u32)
-        .map(|index| {
-            let view = ClusterView::new(words, index).unwrap();
-            let vertices = 0..view.header.vertex_count();
-            let mut cluster = Cluster {
-                positions: vertices.clone().map(|v| view.position_q(v)).collect(),
-                normals: vertices.clone().filter_map(|v| view.normal(v)).collect(),
-                uvs: vertices.clone().filter_map(|v| view.uv(v)).collect(),
-                colors: vertices.filter_map(|v| view.color(v)).collect(),
-                triangles: (0..view.header.triangle_count())
-                    .map(|t| view.triangle(t).map(|index| index as u8))
-                    .collect(),
-                level: view.header.level() as u8,
-                group: view.header.group(),
-                child_group: view.header.child_group(),
-                ..Cluster::default()
-            };
-            cluster.materials = slots_to_ranges(
-                (0..view.header.triangle_count()).map(|t| view.material_slot(t) as u16),
-            );
-            cluster
-        })
-        .collect()
+fn read_back(words: &[u32]) -> Vec<Cluster> {
+    cluster_view::clusters(words).collect()
 }
 
-fn slots_to_ranges(
-    slots: impl Iterator<Item = u16>,
-) -> Vec<lodestream_format::cluster::MaterialRange> {
-    let mut ranges: Vec<lodestream_format::cluster::MaterialRange> = Vec::new();
-    for slot in slots {
-        match ranges.last_mut() {
-            Some(last) if last.slot == slot => last.triangle_count += 1,
-            _ => ranges.push(lodestream_format::cluster::MaterialRange {
-                slot,
-                triangle_count: 1,
-            }),
-        }
-    }
-    ranges
+/// Memory form of a page without parents.
+fn restored(form: &DiskForm) -> Vec<u32> {
+    disk_form::memory_form(form, |_| None).unwrap()
 }
 
 /// Neighbouring ranges of one slot say the same as one range.
 fn canonical(mut cluster: Cluster) -> Cluster {
-    cluster.materials = slots_to_ranges(
-        cluster
-            .materials
-            .iter()
-            .flat_map(|range| std::iter::repeat_n(range.slot, range.triangle_count as usize))
-            .collect::<Vec<_>>()
-            .into_iter(),
-    );
+    let ranges = std::mem::take(&mut cluster.materials);
+    for range in ranges {
+        match cluster.materials.last_mut() {
+            Some(last) if last.slot == range.slot => last.triangle_count += range.triangle_count,
+            _ => cluster.materials.push(range),
+        }
+    }
     cluster
+}
+
+/// Clusters whose group is 7, and a page before them that has some of their vertices, in clusters simplified from group 7.
+fn with_parents(
+    attributes: Attributes,
+) -> impl Strategy<Value = (Attributes, Vec<Cluster>, Vec<Cluster>)> {
+    (common::page(attributes), any::<u64>()).prop_map(move |(mut clusters, seed)| {
+        clusters.iter_mut().for_each(|cluster| cluster.group = 7);
+        let mut parents = Vec::new();
+        for (index, cluster) in clusters.iter().enumerate() {
+            let mut parent = cluster.clone();
+            parent.triangles.reverse();
+            parent.child_group = if seed >> index & 3 == 3 { 8 } else { 7 };
+            parent.positions[0] = [index as i32, 5, -9];
+            parents.push(disk_form::canonical(&parent));
+        }
+        (attributes, clusters, parents)
+    })
+}
+
+fn parents_of(page: u32, clusters: &[Cluster]) -> Vec<Parent<'_>> {
+    let numbered = (0..).zip(clusters);
+    let parents = numbered.map(|(index, cluster)| Parent {
+        page,
+        index,
+        cluster,
+    });
+    parents.collect()
 }
 
 proptest! {
@@ -79,29 +74,47 @@ proptest! {
         let ordered: Vec<_> = clusters.iter().map(disk_form::canonical).collect();
         let memory = memory_form::encode(&ordered, attributes, 9).unwrap();
         let canonical: Vec<_> = ordered.iter().cloned().map(canonical).collect();
-        prop_assert_eq!(&read_back(&memory, clusters.len()), &canonical);
+        prop_assert_eq!(&read_back(&memory), &canonical);
         let sizes: usize = ordered.iter().map(|cluster| memory_form::cluster_words(cluster, attributes)).sum();
         prop_assert_eq!(memory.len(), memory_form::PAGE_HEADER_WORDS + sizes);
 
-        let disk = disk_form::encode(&clusters, attributes, 9).unwrap();
+        let disk = disk_form::encode(&clusters, attributes, 9, &[]).unwrap();
         for codec in [Codec::None, Codec::Zstd, Codec::Lz4] {
             let packed = frame::encode(&disk, codec).unwrap();
             let form = DiskForm::parse(frame::decode(&packed).unwrap()).unwrap();
             prop_assert_eq!(form.page(), 9);
             prop_assert_eq!(form.memory_words(), memory.len());
-            let decoded: Vec<_> = form.clusters().into_iter().map(self::canonical).collect();
-            prop_assert_eq!(&decoded, &canonical);
+            prop_assert_eq!(&restored(&form), &memory);
+        }
+    }
+
+    #[test]
+    fn a_page_comes_back_from_its_parents(
+        (attributes, clusters, parents) in common::attributes().prop_flat_map(with_parents)
+    ) {
+        let parent_page = memory_form::encode(&parents, attributes, 3).unwrap();
+        let ordered: Vec<_> = clusters.iter().map(disk_form::canonical).collect();
+        let memory = memory_form::encode(&ordered, attributes, 9).unwrap();
+        let disk = disk_form::encode(&clusters, attributes, 9, &parents_of(3, &parents)).unwrap();
+        let form = DiskForm::parse(disk).unwrap();
+        let resident = |page| (page == 3).then_some(&parent_page[..]);
+        prop_assert_eq!(disk_form::memory_form(&form, resident).unwrap(), memory);
+        for page in form.parent_pages() {
+            prop_assert_eq!(page, 3);
+            let error = disk_form::memory_form(&form, |_| None).unwrap_err().to_string();
+            prop_assert!(error.contains("of page 3"), "{}", error);
         }
     }
 }
 
-/// Version 3 of the disk form and version 1 of the memory form, pinned: changing a byte of the layout needs a new magic.
+/// Version 4 of the disk form and version 1 of the memory form, pinned: changing a byte of the layout needs a new magic.
 #[test]
 fn golden_bytes() {
     let clusters = common::fixed();
-    let disk = disk_form::encode(&clusters, ALL, 2).unwrap();
+    let disk = fixed_page();
     let memory = memory_form::encode(&clusters, ALL, 2).unwrap();
-    assert!(disk[disk_form::header_word::SHARED_VERTICES] > 0);
+    assert!(disk[disk_form::header_word::REPEATED] > 0);
+    assert!(disk[disk_form::header_word::INHERITED] > 0);
     let hash = |words: &[u32]| ContentHash::of(bytemuck::cast_slice(words)).to_string();
     assert_eq!(
         (disk.len(), hash(&disk)),
@@ -117,16 +130,29 @@ fn golden_bytes() {
     assert_eq!(&plain[8..], bytemuck::cast_slice::<u32, u8>(&disk));
 }
 
+/// The fixed clusters as page 2, below a page 1 that has vertices of the second.
+fn fixed_page() -> Vec<u32> {
+    let parents = fixed_parents();
+    disk_form::encode(&common::fixed(), ALL, 2, &parents_of(1, &parents)).unwrap()
+}
+
+fn fixed_parents() -> Vec<Cluster> {
+    let mut parent = common::fixed()[1].clone();
+    parent.positions[2] = [0; 3];
+    parent.child_group = 4;
+    vec![disk_form::canonical(&parent)]
+}
+
 const GOLDEN_DISK: (usize, &str) = (
-    136,
-    "d6470001a428ce76f8302fc703099ca892933e2dbc5effe1d53254b5e0e61bd0",
+    133,
+    "2e5ba614f0dc5728db88c03d8447740e991387258890a03fd3e99e252d737def",
 );
 const GOLDEN_MEMORY: (usize, &str) = (
     104,
     "fe4472397a1c291084ce970ddfab607af533383283ce29adaeebc496511d3fcb",
 );
 
-/// A vertex is stored once in a page, but at a cluster's beginning; what refers to no earlier cluster is refused.
+/// A border of two clusters is stored once; what names no vertex of an earlier round is refused.
 #[test]
 fn a_border_is_stored_once() {
     let sheet = |from: i32| Cluster {
@@ -150,28 +176,28 @@ fn a_border_is_stored_once() {
         right.positions[row * 9] = sheet(0).positions[row * 9 + 8];
     }
     let clusters = [sheet(0), right];
-    let disk = disk_form::encode(&clusters, Attributes(0), 0).unwrap();
-    let shared = disk[disk_form::header_word::SHARED_VERTICES];
-    assert!((6..=9).contains(&shared), "{shared} of nine");
+    let disk = disk_form::encode(&clusters, Attributes(0), 0, &[]).unwrap();
+    let count = |word: usize| disk[word] as usize;
+    assert_eq!(count(disk_form::header_word::REPEATED), 9);
     let form = DiskForm::parse(disk.clone()).unwrap();
     let ordered: Vec<Cluster> = clusters.iter().map(disk_form::canonical).collect();
-    assert_eq!(form.clusters(), ordered);
-    // The first reference lies after 256 control bytes and the extra bytes: make it lead to the last vertex of all.
+    assert_eq!(read_back(&restored(&form)), ordered);
+    // The first cluster that is named: make it the one that names it.
     let words = |bytes: usize| bytes.div_ceil(4);
-    let extra = disk[disk_form::header_word::EXTRA_BYTES] as usize;
-    let columns = disk_form::HEADER_WORDS + 13 * 4 * words(2);
-    let first = columns + words(256) + words(extra);
-    let mut beyond = disk;
-    let number = 2 * 161u32;
-    beyond[first] = beyond[first] & !0xff | number & 0xff;
-    beyond[first + words(shared as usize)] |= number >> 8;
-    let error = DiskForm::parse(beyond).unwrap_err().to_string();
-    assert!(error.contains("before the cluster"), "{error}");
+    let first = disk_form::HEADER_WORDS
+        + 13 * 4 * words(2)
+        + words(count(disk_form::header_word::STEP_BYTES))
+        + words(count(disk_form::header_word::EXTRA_BYTES))
+        + words(2 * 81usize.div_ceil(5) + 1);
+    let mut own = disk;
+    own[first] &= !0xff;
+    let error = DiskForm::parse(own).unwrap_err().to_string();
+    assert!(error.contains("earlier round"), "{error}");
 }
 
 #[test]
 fn every_truncation_and_extension_is_rejected() {
-    let disk = disk_form::encode(&common::fixed(), ALL, 2).unwrap();
+    let disk = fixed_page();
     for length in 0..disk.len() {
         assert!(
             DiskForm::parse(disk[..length].to_vec()).is_err(),
@@ -183,10 +209,11 @@ fn every_truncation_and_extension_is_rejected() {
     assert!(DiskForm::parse(longer).is_err());
 }
 
-/// Whatever the words say, parsing ends with an error or with a form that unpacks, packs again, and passes every check.
+/// Whatever the words say, parsing ends with an error or with a form that becomes a page which unpacks, whatever its parents hold.
 #[test]
-fn mutations_are_rejected_or_consistent() {
-    let disk = disk_form::encode(&common::fixed(), ALL, 2).unwrap();
+fn a_million_mutations_are_rejected_or_consistent() {
+    let disk = fixed_page();
+    let parents = memory_form::encode(&fixed_parents(), ALL, 1).unwrap();
     let mut state = 0x9e37_79b9_7f4a_7c15u64;
     let mut random = || {
         state ^= state << 13;
@@ -195,7 +222,7 @@ fn mutations_are_rejected_or_consistent() {
         state
     };
     let mut accepted = 0;
-    for case in 0..200_000u32 {
+    for case in 0..1_000_000u32 {
         let mut words = disk.clone();
         for _ in 0..1 + case % 3 {
             let at = random() as usize % words.len();
@@ -208,8 +235,11 @@ fn mutations_are_rejected_or_consistent() {
         }
         if let Ok(form) = DiskForm::parse(words) {
             accepted += 1;
-            let clusters = form.clusters();
-            memory_form::encode(&clusters, form.attributes(), form.page()).unwrap();
+            // A parent that is not there is the only reason left.
+            if let Ok(memory) = disk_form::memory_form(&form, |_| Some(&parents)) {
+                assert_eq!(memory.len(), form.memory_words());
+                assert_eq!(read_back(&memory).len(), form.headers().len());
+            }
         }
     }
     assert!(
@@ -234,10 +264,10 @@ fn encoders_name_what_does_not_fit() {
     for (word, damage) in broken {
         let mut cluster = good.clone();
         damage(&mut cluster);
-        let error = disk_form::encode(&[cluster], ALL, 0)
+        let error = disk_form::encode(&[cluster], ALL, 0, &[])
             .unwrap_err()
             .to_string();
         assert!(error.contains(word), "{word}: {error}");
     }
-    assert!(disk_form::encode(&[], ALL, 0).is_err());
+    assert!(disk_form::encode(&[], ALL, 0, &[]).is_err());
 }

@@ -423,8 +423,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            5,
-            "16acab0e9c239fb44a656af3487e241c9925dbc83063113a0eaceb09f87c7891"
+            6,
+            "0461731e150ad4f5f1ce5cf5075c1fe78877ec84937c4dc332d8d8fb4cb6357d"
         ),
     );
 }

@@ -53,12 +53,28 @@ const fn pass(
     }
 }
 
-/// Disk form to memory form, a workgroup a cluster, one more a page for its header and tables.
+/// Vertices of pages from differences, other clusters and parents, a workgroup a page.
+pub const RESTORE: Pass = pass(
+    "restore",
+    include_str!("../wgsl/restore.wgsl"),
+    &["restore"],
+    &["transcode_jobs", "staging", "restored"],
+    PoolAccess::Read,
+);
+/// Their normals, a workgroup a cluster.
+pub const RESTORE_NORMALS: Pass = pass(
+    "restore_normals",
+    include_str!("../wgsl/restore_normals.wgsl"),
+    &["restore_normals"],
+    &["transcode_jobs", "staging", "restored"],
+    PoolAccess::None,
+);
+/// Restored pages to memory form, a workgroup a cluster, one more a page for its header and tables.
 pub const TRANSCODE: Pass = pass(
     "transcode",
     include_str!("../wgsl/transcode.wgsl"),
     &["transcode"],
-    &["transcode_jobs", "staging"],
+    &["transcode_jobs", "staging", "restored"],
     PoolAccess::Write,
 );
 /// Instances in the frustum to root nodes, a thread an instance.
@@ -203,7 +219,9 @@ pub const PRESENT: Pass = pass(
 );
 
 /// Every pass in frame order.
-pub const ALL: [Pass; 13] = [
+pub const ALL: [Pass; 15] = [
+    RESTORE,
+    RESTORE_NORMALS,
     TRANSCODE,
     CULL_INSTANCES,
     PREPARE_NODES,
@@ -230,6 +248,10 @@ const SHARED: &[(&str, &str)] = &[
     (
         "memory_form",
         include_str!("../wgsl/shared/memory_form.wgsl"),
+    ),
+    (
+        "staged_form",
+        include_str!("../wgsl/shared/staged_form.wgsl"),
     ),
     ("cluster", include_str!("../wgsl/shared/cluster.wgsl")),
     (

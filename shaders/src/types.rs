@@ -229,6 +229,10 @@ pub struct TranscodeJob {
     pub pool_word: u32,
     /// First word of the material tables in the memory form.
     pub tables_word: u32,
+    /// First of two words a parent in the staging buffer: its page's first word in the pool, its cluster there.
+    pub parents_word: u32,
+    /// First word of the page's vertices in the buffer of restored ones.
+    pub restored_word: u32,
 }
 
 /// A material as `shade` reads it.

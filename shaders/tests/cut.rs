@@ -9,7 +9,7 @@ use dag::{Dag, Fixture, Random, random_dag};
 use glam::DVec3;
 use lodestream_format::Hierarchy;
 use lodestream_format::cluster::NO_GROUP;
-use lodestream_server::build::{BuildOptions, build, decode_pages};
+use lodestream_server::build::{BuildOptions, build, unpack_pages};
 use lodestream_server::import::Mesh;
 use lodestream_shaders::cpu::{
     Camera, Capacities, Culled, cut, cut_brute, near_for_radius, requests_brute, requests_only,
@@ -286,11 +286,7 @@ fn built_assets_cut_as_brute_force_says() {
     let built = build(bumpy_sphere(96, 128), &BuildOptions::default()).unwrap();
     let hierarchy =
         Hierarchy::decode(&built.hierarchy_bytes, built.asset.pages.len() as u32).unwrap();
-    let pages: Vec<_> = decode_pages(&built)
-        .unwrap()
-        .iter()
-        .map(|form| form.clusters())
-        .collect();
+    let pages = unpack_pages(&built).unwrap();
     let dag = Dag {
         asset: built.asset.clone(),
         hierarchy,

@@ -129,7 +129,9 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             disk_word,
             span_word,
             pool_word,
-            tables_word
+            tables_word,
+            parents_word,
+            restored_word
         }),
         layout!(MaterialRecord {
             base_color,
@@ -314,7 +316,7 @@ fn entry_points_are_those_of_the_table() {
 
 fn rust_constants() -> BTreeMap<&'static str, f64> {
     use lodestream_format::cluster::{Attributes, NO_GROUP};
-    use lodestream_format::disk_form::{self, header_word};
+    use lodestream_format::disk_form::{self, header_word, source_word};
     use lodestream_format::hierarchy::{LEAF_FLAG, NO_CHILD, ROOT_ERROR};
     use lodestream_format::limits::HIERARCHY_WIDTH;
     use lodestream_format::memory_form::{self, cluster_word, page_word};
@@ -376,7 +378,22 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
             "CLUSTER_SPAN_WORDS",
             size_of::<disk_form::ClusterSpan>() / 4,
         ),
+        ("DISK_WORD_REPEATED", header_word::REPEATED),
+        ("DISK_WORD_INHERITED", header_word::INHERITED),
+        ("DISK_WORD_ROUNDS", header_word::ROUNDS),
+        ("DISK_ROUND_SHIFT", disk_form::ROUND_SHIFT as usize),
+        ("FIELD_NORMAL", disk_form::field::NORMAL),
+        ("FIELD_UV", disk_form::field::UV),
+        ("FIELD_COLOR", disk_form::field::COLOR),
+        ("SOURCE_BEYOND", source_word::BEYOND as usize),
+        ("SOURCE_ANEW", source_word::ANEW as usize),
+        ("SOURCE_REPEATED", source_word::REPEATED as usize),
+        ("SOURCE_INHERITED", source_word::INHERITED as usize),
+        ("SOURCE_KIND_SHIFT", source_word::KIND_SHIFT as usize),
+        ("SURFACE_BITS", disk_form::SURFACE_BITS as usize),
+        ("RESTORE_THREADS", view::RESTORE_THREADS as usize),
         ("TRANSCODE_THREADS", view::WORKGROUP_THREADS as usize),
+        ("NORMALS_THREADS", view::WORKGROUP_THREADS as usize),
     ];
     let real = [
         ("CLUSTER_SLACK", view::CLUSTER_SLACK),
@@ -404,6 +421,7 @@ fn constants_are_rusts() {
     for (pass, module) in modules() {
         let of_culling = pass.name.starts_with("cull")
             || pass.name.starts_with("prepare")
+            || pass.name.starts_with("restore")
             || ["transcode", "compact_requests"].contains(&pass.name);
         for (name, value) in constants(&module) {
             match rust.get(name.as_str()) {
@@ -437,8 +455,9 @@ fn workgroups_are_as_large_as_the_host_dispatches_for() {
             let threads: u32 = entry.workgroup_size.iter().product();
             let expected = match pass.name {
                 name if name.starts_with("prepare") => 1,
+                "restore" => lodestream_shaders::cpu::view::RESTORE_THREADS,
                 name if name.starts_with("cull")
-                    || ["transcode", "compact_requests"].contains(&name) =>
+                    || ["restore_normals", "transcode", "compact_requests"].contains(&name) =>
                 {
                     64
                 }

@@ -3,7 +3,7 @@
 use lodestream_format::cluster::{Attributes, Cluster, MaterialRange, NO_GROUP};
 use lodestream_format::disk_form::{self, DiskForm};
 use lodestream_format::memory_form;
-use lodestream_shaders::cpu::transcode;
+use lodestream_shaders::cpu::transcode::transcode;
 use proptest::prelude::*;
 
 /// Values that need up to `bits` bits above a base.
@@ -135,9 +135,10 @@ fn check(attributes: Attributes, clusters: &[Cluster], page: u32) -> Result<bool
     let Ok(expected) = memory_form::encode(&ordered, attributes, page) else {
         return Ok(false);
     };
-    let disk = disk_form::encode(clusters, attributes, page).map_err(|error| error.to_string())?;
+    let disk =
+        disk_form::encode(clusters, attributes, page, &[]).map_err(|error| error.to_string())?;
     let form = DiskForm::parse(disk).map_err(|error| error.to_string())?;
-    let words = transcode(&form);
+    let words = transcode(&form, |_| None).map_err(|error| error.to_string())?;
     if words.len() != expected.len() {
         return Err(format!("{} words, not {}", words.len(), expected.len()));
     }

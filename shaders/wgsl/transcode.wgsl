@@ -1,100 +1,10 @@
-// Staged form of a page (see disk_form) to memory form: a workgroup a cluster (x) of a page (y), one more a page for its header and tables. A thread
-// makes whole words, each gathered from the planes, so that no two threads write the same one.
-#import types
-#import memory_form
+// Restored vertices and staged triangles to memory form: a workgroup a cluster (x) of a page (y), one more a page for its header and tables. A
+// thread makes whole words, each gathered from its fields, so that no two threads write the same one.
+#import staged_form
 
-@group(0) @binding(0) var<storage, read> transcode_jobs: array<TranscodeJob>;
-@group(0) @binding(1) var<storage, read> staging: array<u32>;
+@group(0) @binding(2) var<storage, read> restored: array<u32>;
 
-const DISK_HEADER_WORDS: u32 = 16u;
-const DISK_COLUMNS: u32 = 15u;
-const DISK_WORD_ATTRIBUTES: u32 = 1u;
-const DISK_WORD_CLUSTER_COUNT: u32 = 2u;
-const DISK_WORD_PAGE: u32 = 3u;
-const DISK_WORD_VERTEX_COUNT: u32 = 4u;
-const DISK_WORD_TRIANGLE_COUNT: u32 = 5u;
-const DISK_WORD_TABLE_WORDS: u32 = 6u;
-const DISK_WORD_MEMORY_WORDS: u32 = 7u;
-const DISK_WORD_PLANE_WIDTHS: u32 = 8u;
-const DISK_FIELDS: u32 = 11u;
-const CLUSTER_SPAN_WORDS: u32 = 3u;
 const TRANSCODE_THREADS: u32 = 64u;
-
-// Where the sections of a page's disk form lie in `staging` (disk_form::Layout).
-struct DiskLayout {
-    index_planes: u32,
-    index_plane_words: u32,
-    vertex_plane_words: u32,
-    // First word of the lowest byte's plane of each field, and where the last one's end: the material tables.
-    field_planes: array<u32, 12>,
-}
-
-fn disk_word(job: TranscodeJob, word: u32) -> u32 {
-    return staging[job.disk_word + word];
-}
-
-// Bytes of a vertex field: x, y, z, normal u, v, texture u, v, r, g, b, a.
-fn field_bytes(attributes: u32, plane_widths: u32, field: u32) -> u32 {
-    if field < 3u {
-        return (plane_widths >> (4u * field)) & 0xfu;
-    }
-    if field < 5u {
-        return select(0u, 2u, (attributes & ATTRIBUTE_NORMAL) != 0u);
-    }
-    if field < 7u {
-        return (plane_widths >> (4u * (field - 2u))) & 0xfu;
-    }
-    return select(0u, 1u, (attributes & ATTRIBUTE_COLOR) != 0u);
-}
-
-// Bits of a vertex field in the cluster's records.
-fn field_bits(attributes: u32, widths: u32, color_widths: u32, field: u32) -> u32 {
-    if field < 3u {
-        return width_of(widths, field);
-    }
-    if field < 5u {
-        return select(0u, NORMAL_BITS, (attributes & ATTRIBUTE_NORMAL) != 0u);
-    }
-    if field < 7u {
-        return select(0u, width_of(widths, field - 2u), (attributes & ATTRIBUTE_UV) != 0u);
-    }
-    return select(0u, color_width_of(color_widths, field - 7u), (attributes & ATTRIBUTE_COLOR) != 0u);
-}
-
-fn layout_of(job: TranscodeJob) -> DiskLayout {
-    let attributes = disk_word(job, DISK_WORD_ATTRIBUTES);
-    let plane_widths = disk_word(job, DISK_WORD_PLANE_WIDTHS);
-    var sections: DiskLayout;
-    sections.index_planes = job.disk_word + DISK_HEADER_WORDS + DISK_COLUMNS * disk_word(job, DISK_WORD_CLUSTER_COUNT);
-    sections.index_plane_words = (disk_word(job, DISK_WORD_TRIANGLE_COUNT) + 3u) / 4u;
-    sections.vertex_plane_words = (disk_word(job, DISK_WORD_VERTEX_COUNT) + 3u) / 4u;
-    var plane = sections.index_planes + 3u * sections.index_plane_words;
-    for (var field = 0u; field < DISK_FIELDS; field++) {
-        sections.field_planes[field] = plane;
-        plane += field_bytes(attributes, plane_widths, field) * sections.vertex_plane_words;
-    }
-    sections.field_planes[DISK_FIELDS] = plane;
-    return sections;
-}
-
-// Word `word` (not the payload's) of a cluster's header.
-fn column_word(job: TranscodeJob, cluster: u32, word: u32) -> u32 {
-    let column = word - select(0u, 1u, word > CLUSTER_WORD_PAYLOAD);
-    return disk_word(job, DISK_HEADER_WORDS + column * disk_word(job, DISK_WORD_CLUSTER_COUNT) + cluster);
-}
-
-fn plane_byte(plane: u32, index: u32) -> u32 {
-    return (staging[plane + index / 4u] >> (8u * (index % 4u))) & 0xffu;
-}
-
-// Value of a field of `bits` bits, from its bytes' planes.
-fn field_value(plane: u32, plane_words: u32, bits: u32, index: u32) -> u32 {
-    var value = 0u;
-    for (var byte = 0u; byte * 8u < bits; byte++) {
-        value |= plane_byte(plane + byte * plane_words, index) << (8u * byte);
-    }
-    return value;
-}
 
 // The share of a field that begins at bit `at` in the word that begins at bit `start`; the two overlap.
 fn placed(value: u32, at: u32, start: u32) -> u32 {
@@ -105,21 +15,35 @@ fn placed(value: u32, at: u32, start: u32) -> u32 {
 }
 
 // Word `word` of a cluster's triangle indices.
-fn index_word(sections: DiskLayout, first_triangle: u32, counts: u32, word: u32) -> u32 {
+fn index_word(job: TranscodeJob, first_triangle: u32, counts: u32, word: u32) -> u32 {
     let bits = index_bits_of(counts);
     let start = word * 32u;
     let indices = triangle_count_of(counts) * 3u;
     var value = 0u;
     for (var index = start / bits; index < indices && index * bits < start + 32u; index++) {
-        let plane = sections.index_planes + (index % 3u) * sections.index_plane_words;
+        let plane = index_planes(job) + (index % 3u) * index_plane_words(job);
         value |= placed(plane_byte(plane, first_triangle + index / 3u), index * bits, start);
     }
     return value;
 }
 
+// A field of a vertex, in the slot that the page keeps it in.
+fn field_value(job: TranscodeJob, attributes: u32, field: u32, vertex: u32) -> u32 {
+    var holder = vertex;
+    if field >= FIELD_NORMAL && field < FIELD_UV {
+        // Normals count from zero in all clusters, so those that are repeated are those of the other vertex.
+        let source = staging[sources(job) + vertex];
+        if source >> SOURCE_KIND_SHIFT == SOURCE_REPEATED {
+            holder = span_of(job, (source >> 8u) & 0x3fffffu).first_vertex + (source & 0xffu);
+        }
+    }
+    let slot = slot_of(attributes, field);
+    return restored[job.restored_word + slot * disk_word(job, DISK_WORD_VERTEX_COUNT) + holder];
+}
+
 // Word `word` of a cluster's vertex records.
 fn vertex_word(
-    sections: DiskLayout,
+    job: TranscodeJob,
     first_vertex: u32,
     vertex_count: u32,
     field_widths: array<u32, 11>,
@@ -128,7 +52,7 @@ fn vertex_word(
 ) -> u32 {
     // Indexed by a variable, and parameters cannot be.
     var widths = field_widths;
-    var planes = sections.field_planes;
+    let attributes = disk_word(job, DISK_WORD_ATTRIBUTES);
     let start = word * 32u;
     var vertex = start / vertex_bits;
     var at = vertex * vertex_bits;
@@ -137,8 +61,7 @@ fn vertex_word(
         for (var field = 0u; field < DISK_FIELDS; field++) {
             let bits = widths[field];
             if bits > 0u && at + bits > start && at < start + 32u {
-                let stored = field_value(planes[field], sections.vertex_plane_words, bits, first_vertex + vertex);
-                value |= placed(stored, at, start);
+                value |= placed(field_value(job, attributes, field, first_vertex + vertex), at, start);
             }
             at += bits;
         }
@@ -151,18 +74,21 @@ fn header_word(job: TranscodeJob, cluster: u32, counts: u32, payload_word: u32, 
     if word == CLUSTER_WORD_PAYLOAD {
         return payload_word;
     }
+    if word >= CLUSTER_WORD_EXTENT {
+        return restored[extent_word(job, cluster) + word - CLUSTER_WORD_EXTENT];
+    }
+    if word == CLUSTER_WORD_COUNTS {
+        return counts & ((1u << DISK_ROUND_SHIFT) - 1u);
+    }
     let stored = column_word(job, cluster, word);
     let is_table = word == CLUSTER_WORD_MATERIALS && (counts & MATERIAL_TABLE_FLAG) != 0u;
     return stored + select(0u, job.tables_word, is_table);
 }
 
 fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
-    let sections = layout_of(job);
     let attributes = disk_word(job, DISK_WORD_ATTRIBUTES);
-    let span = job.span_word + cluster * CLUSTER_SPAN_WORDS;
-    let first_vertex = staging[span];
-    let first_triangle = staging[span + 1u];
-    let payload_word = staging[span + 2u];
+    let span = span_of(job, cluster);
+    let payload_word = span.payload_word;
     let counts = column_word(job, cluster, CLUSTER_WORD_COUNTS);
     let widths = column_word(job, cluster, CLUSTER_WORD_WIDTHS);
     let color_widths = column_word(job, cluster, CLUSTER_WORD_COLOR_WIDTHS);
@@ -173,7 +99,7 @@ fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
     }
     let index_words = index_words_of(counts);
     for (var word = local; word < index_words; word += TRANSCODE_THREADS) {
-        store_pool(job.pool_word + payload_word + word, index_word(sections, first_triangle, counts, word));
+        store_pool(job.pool_word + payload_word + word, index_word(job, span.first_triangle, counts, word));
     }
     var field_widths: array<u32, 11>;
     for (var field = 0u; field < DISK_FIELDS; field++) {
@@ -183,7 +109,7 @@ fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
     let vertex_bits = vertex_bits_of(attributes, widths, color_widths);
     let vertex_words = (vertex_count * vertex_bits + 31u) / 32u;
     for (var word = local; word < vertex_words; word += TRANSCODE_THREADS) {
-        let value = vertex_word(sections, first_vertex, vertex_count, field_widths, vertex_bits, word);
+        let value = vertex_word(job, span.first_vertex, vertex_count, field_widths, vertex_bits, word);
         store_pool(job.pool_word + payload_word + index_words + word, value);
     }
 }
@@ -204,7 +130,7 @@ fn transcode_page(job: TranscodeJob, local: u32) {
     for (var word = local; word < PAGE_HEADER_WORDS; word += TRANSCODE_THREADS) {
         store_pool(job.pool_word + word, page_header_word(job, word));
     }
-    let tables = layout_of(job).field_planes[DISK_FIELDS];
+    let tables = field_plane(job, DISK_FIELDS);
     let table_words = disk_word(job, DISK_WORD_TABLE_WORDS);
     for (var word = local; word < table_words; word += TRANSCODE_THREADS) {
         store_pool(job.pool_word + job.tables_word + word, staging[tables + word]);

@@ -82,7 +82,9 @@ impl Pool {
                 gpu,
                 "pool",
                 own * 4,
-                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+                wgpu::BufferUsages::STORAGE
+                    | wgpu::BufferUsages::COPY_SRC
+                    | wgpu::BufferUsages::COPY_DST,
             )?);
         }
         Ok(Self {
@@ -90,6 +92,21 @@ impl Pool {
             buffers,
             words,
         })
+    }
+
+    /// Writes words from word `first` on, in the queue's order.
+    pub fn write(&self, gpu: &Gpu, mut first: u64, mut words: &[u32]) {
+        let each = match self.bindings.count {
+            1 => self.words,
+            _ => 1 << self.bindings.words_log2,
+        };
+        while !words.is_empty() {
+            let (buffer, at) = ((first / each) as usize, first % each);
+            let (own, rest) = words.split_at(words.len().min((each - at) as usize));
+            let bytes = bytemuck::cast_slice(own);
+            gpu.queue.write_buffer(&self.buffers[buffer], 4 * at, bytes);
+            (first, words) = (first + own.len() as u64, rest);
+        }
     }
 
     /// Bytes of all buffers.

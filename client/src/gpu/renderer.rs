@@ -145,6 +145,11 @@ impl Renderer {
         self.present = None;
     }
 
+    /// Puts a page in memory form into the pool, as [`Renderer::apply`] does one in disk form.
+    pub fn write_page(&self, pool_word: u32, words: &[u32]) {
+        self.pool.write(&self.gpu, pool_word.into(), words);
+    }
+
     /// Takes pages out of the page table, transcodes `uploads`, then puts `installed` (page, first word) in, all before
     /// the next frame's culling.
     pub fn apply(

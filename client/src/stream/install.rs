@@ -13,6 +13,8 @@ pub struct Upload<Form = DiskForm> {
     pub page: u32,
     /// First word of its place in the pool.
     pub word_offset: u32,
+    /// First word of the page of each of the form's parents: installed before, or placed before in the same changes.
+    pub parents: Vec<u32>,
     /// What to transcode.
     pub form: Form,
 }
@@ -119,6 +121,7 @@ impl<Form: PageForm> Residency<Form> {
                 Upload {
                     page,
                     word_offset,
+                    parents: Vec::new(),
                     form,
                 },
                 changes,
@@ -126,8 +129,13 @@ impl<Form: PageForm> Residency<Form> {
         }
     }
 
-    fn install(&mut self, upload: Upload<Form>, changes: &mut Changes<Form>) {
+    fn install(&mut self, mut upload: Upload<Form>, changes: &mut Changes<Form>) {
         let page = upload.page;
+        let first = self.pages.asset_pages(page).start;
+        let parents = upload.form.parents().iter();
+        upload.parents = parents
+            .map(|&[parent, _]| self.word_of(first + parent))
+            .collect();
         self.step(page, PageEvent::Place);
         changes.installed.push((page, upload.word_offset));
         changes.uploads.push(upload);
@@ -136,6 +144,15 @@ impl<Form: PageForm> Residency<Form> {
             self.records[dependency as usize].installed_dependents += 1;
         }
         self.policy.installed(page, self.update_count);
+    }
+
+    /// First word of a page that is a root page or has a slot.
+    fn word_of(&self, page: u32) -> u32 {
+        let roots = &self.layout.roots;
+        match roots.binary_search_by_key(&page, |root| root.0) {
+            Ok(root) => roots[root].1,
+            Err(_) => self.layout.slot_word(self.records[page as usize].slot),
+        }
     }
 
     /// Whether a page in a slot may leave: nothing wants it, nothing installed depends on it.

@@ -41,6 +41,15 @@ pub fn decode_page(
             return Err(wrong(mismatch(at, expected, found)));
         }
     }
+    let astray = form
+        .parent_pages()
+        .into_iter()
+        .find(|parent| !entry.dependencies.contains(parent));
+    if let Some(parent) = astray {
+        let expected = format!("pages that it depends on: {:?}", entry.dependencies);
+        let error = FormatError::new("pages of parents", expected, parent);
+        return Err(wrong(error));
+    }
     hierarchy.check_page(&form).map_err(wrong)?;
     Ok(form)
 }

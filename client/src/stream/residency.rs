@@ -90,11 +90,18 @@ pub(super) struct InFlight {
 pub trait PageForm {
     /// Number of the page in its asset.
     fn page(&self) -> u32;
+
+    /// Page of its asset and cluster of each parent that vertices are inherited from; the page depends on those pages.
+    fn parents(&self) -> &[[u32; 2]];
 }
 
 impl PageForm for DiskForm {
     fn page(&self) -> u32 {
         DiskForm::page(self)
+    }
+
+    fn parents(&self) -> &[[u32; 2]] {
+        DiskForm::parents(self)
     }
 }
 
@@ -138,6 +145,7 @@ impl Residency {
         let roots = layout.roots.iter().zip(forms).map(|(&place, form)| Upload {
             page: place.0,
             word_offset: place.1,
+            parents: Vec::new(),
             form: form.clone(),
         });
         let roots = roots.collect();
@@ -162,6 +170,7 @@ impl<Form: PageForm> Residency<Form> {
         let roots = layout.roots.iter().map(|&(page, word_offset)| Upload {
             page,
             word_offset,
+            parents: Vec::new(),
             form: root_form(pages.number_in_asset(page)),
         });
         let roots = roots.collect();

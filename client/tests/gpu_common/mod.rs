@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)] // A test's way to fail.
 #![allow(dead_code)] // Every test file uses its part.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use lodestream_client::gpu::{Gpu, PageUpload, Renderer, TextureBytes, instance};
@@ -131,6 +132,13 @@ impl TestScene {
         (places, word)
     }
 
+    /// Scene-wide number of the first page of a page's asset.
+    fn base(&self, page: u32) -> u32 {
+        let bases = &self.arrays.assets;
+        let asset = bases.partition_point(|record| record.page_base <= page) - 1;
+        bases[asset].page_base
+    }
+
     pub fn form(&self, page: u32) -> &DiskForm {
         let bases = &self.arrays.assets;
         let asset = bases.partition_point(|record| record.page_base <= page) - 1;
@@ -143,7 +151,9 @@ impl TestScene {
         let mut pool = vec![0; words as usize];
         let mut page_table = self.arrays.empty_page_table();
         for (page, word) in places {
-            let memory = transcode(self.form(page));
+            let base = self.base(page);
+            let parent = |parent: u32| Some(&pool[page_table[(base + parent) as usize] as usize..]);
+            let memory = transcode(self.form(page), parent).unwrap();
             pool[word as usize..][..memory.len()].copy_from_slice(&memory);
             page_table[page as usize] = word;
         }
@@ -154,11 +164,23 @@ impl TestScene {
     pub fn renderer(&self, gpu: &Gpu, share: f64, size_px: [u32; 2]) -> Renderer {
         let (places, words) = self.places(share);
         let mut renderer = Renderer::new(gpu, self.arrays.clone(), words as u64, size_px).unwrap();
+        let word_of: HashMap<u32, u32> = places.iter().copied().collect();
+        let parents: Vec<Vec<u32>> = places
+            .iter()
+            .map(|&(page, _)| {
+                let parents = self.form(page).parents().iter();
+                parents
+                    .map(|&[parent, _]| word_of[&(self.base(page) + parent)])
+                    .collect()
+            })
+            .collect();
         let uploads: Vec<_> = places
             .iter()
-            .map(|&(page, pool_word)| PageUpload {
+            .zip(&parents)
+            .map(|(&(page, pool_word), parents)| PageUpload {
                 form: self.form(page),
                 pool_word,
+                parents,
             })
             .collect();
         renderer

@@ -290,7 +290,7 @@ fn finish(
     let mut offset = 0;
     for (page, clusters) in (0u32..).zip(&pages) {
         let codec = [Codec::None, Codec::Zstd, Codec::Lz4][random.below(3) as usize];
-        let words = disk_form::encode(clusters, attributes, page).unwrap();
+        let words = disk_form::encode(clusters, attributes, page, &[]).unwrap();
         let frame = frame::encode(&words, codec).unwrap();
         let memory = memory_form::encode(clusters, attributes, page).unwrap();
         let groups = clusters.iter().map(|cluster| cluster.group as usize);

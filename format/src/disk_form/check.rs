@@ -1,6 +1,6 @@
 //! The checks of one cluster: header, what its vertices span, materials.
 
-use super::DiskForm;
+use super::{DiskForm, ROUND_SHIFT};
 use crate::bits::bits_for;
 use crate::cluster::{Attributes, MaterialRange};
 use crate::error::{FormatError, ensure};
@@ -15,28 +15,15 @@ impl DiskForm {
     ) -> Result<(), FormatError> {
         let header = &self.headers[cluster];
         let within = |error| within(error, cluster);
-        for axis in 0..3 {
-            let extent = header.extent()[axis];
-            let bits = bits_for(extent);
-            let found = header.widths()[axis];
-            ensure(found == bits, "bits of a coordinate", bits, found).map_err(within)?;
-            let low = header.origin()[axis] as i64;
-            let high = low + extent as i64;
+        for (axis, low) in header.origin().into_iter().enumerate() {
+            let most = MAX_EXTENT_STEPS as i32;
             ensure(
-                low >= -MAX_EXTENT_STEPS && high <= MAX_EXTENT_STEPS,
+                (-most..=most).contains(&low),
                 "position",
                 "within 2^23 steps of the centre",
-                format_args!("{low}..={high}"),
+                format_args!("{low} on axis {axis}"),
             )
             .map_err(within)?;
-        }
-        if attributes.has(Attributes::COLOR) {
-            for (channel, low) in header.color_min().into_iter().enumerate() {
-                let values = 0..header.vertex_count();
-                let values = values.map(|vertex| self.offset(cluster, 7 + channel, vertex));
-                let largest = low as u32 + values.max().unwrap_or(0);
-                ensure(largest <= 255, "colour", "at most 255", largest).map_err(within)?;
-            }
         }
         if attributes.has(Attributes::UV) {
             for min in header.uv_min() {
@@ -53,9 +40,15 @@ impl DiskForm {
         self.check_materials(cluster).map_err(within)
     }
 
+    /// Material ranges of a cluster.
+    pub fn materials(&self, cluster: usize) -> Vec<MaterialRange> {
+        // They were read when the form was checked.
+        self.read_materials(cluster).unwrap_or_default()
+    }
+
     fn check_materials(&self, cluster: usize) -> Result<(), FormatError> {
         let header = &self.headers[cluster];
-        let ranges = self.materials(cluster)?;
+        let ranges = self.read_materials(cluster)?;
         let sum: u32 = ranges.iter().map(|range| range.triangle_count as u32).sum();
         ensure(
             sum == header.triangle_count(),
@@ -70,7 +63,7 @@ impl DiskForm {
         ensure(empty == 0, "empty material ranges", 0, empty)
     }
 
-    pub(super) fn materials(&self, cluster: usize) -> Result<Vec<MaterialRange>, FormatError> {
+    fn read_materials(&self, cluster: usize) -> Result<Vec<MaterialRange>, FormatError> {
         let header = &self.headers[cluster];
         let word = header.0[cluster_word::MATERIALS];
         if header.has_material_table() {
@@ -142,7 +135,7 @@ pub(super) fn check_header(
         vertices,
     )?;
     let counts = triangles | vertices << 8 | header.level() << 17 | header.index_bits() << 24;
-    let spare = header.0[cluster_word::COUNTS] & !MATERIAL_TABLE_FLAG;
+    let spare = header.0[cluster_word::COUNTS] & !MATERIAL_TABLE_FLAG & ((1 << ROUND_SHIFT) - 1);
     ensure(
         spare == counts,
         "spare bits of the counts",

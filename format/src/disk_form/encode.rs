@@ -1,186 +1,254 @@
 //! Clusters to disk form.
 
-use super::predict::{NORMAL, Values, difference, is_normal};
-use super::shared::{Known, reference};
-use super::stored::Stored;
-use super::topology::{self, Event, canonical};
-use super::{FIELDS, Layout, MAGIC, header_word};
+use super::digits::DigitWriter;
+use super::order::canonical;
+use super::predict::{
+    add_normal, beyond_edge, difference, is_normal, on_octahedron, surface_shift,
+};
+use super::sources::{MOST_ROUNDS, Parent, Source, Sources, kind};
+use super::stored::{Counts, Sections, Stored};
+use super::topology::{self, Edge, StepWriter};
+use super::{FIELDS, Layout, MAGIC, ROUND_SHIFT, header_word};
 use crate::cluster::{Attributes, Cluster};
 use crate::error::FormatError;
 use crate::memory_form::{self, ClusterHeader, cluster_word};
 
-/// Writes the disk form of page `page` of an asset; it holds the clusters as [`canonical`] orders them. Fails where
-/// [`memory_form::encode`] would.
+/// Writes the disk form of page `page` of an asset; it holds the clusters as [`canonical`] orders them. Those of a group lie
+/// beside each other. What `parents` have is not stored again: clusters of earlier pages that the page depends on, whose
+/// child group a cluster here is a member of. Fails where [`memory_form::encode`] would.
 pub fn encode(
     clusters: &[Cluster],
     attributes: Attributes,
     page: u32,
+    parents: &[Parent<'_>],
 ) -> Result<Vec<u32>, FormatError> {
     clusters
         .iter()
         .try_for_each(|cluster| cluster.check(attributes))?;
     let clusters: Vec<Cluster> = clusters.iter().map(canonical).collect();
+    let sources = Sources::new(&clusters, parents);
+    let mut writer = Writer::default();
     let mut tables = Vec::new();
-    let (mut control, mut extra) = (Vec::new(), Vec::new());
-    let mut known = Known::default();
-    let mut vertices = Vertices::default();
-    let headers: Vec<(ClusterHeader, u32)> = clusters
-        .iter()
-        .map(|cluster| {
-            let (mut header, table) = ClusterHeader::of(cluster);
-            if header.has_material_table() {
-                header.0[cluster_word::MATERIALS] = tables.len() as u32;
-                tables.extend(table);
-            }
-            let known = known.take(cluster);
-            let shared: Vec<bool> = known.iter().map(|numbers| !numbers.is_empty()).collect();
-            let before = (control.len(), extra.len());
-            topology::encode(&cluster.triangles, &shared, &mut control, &mut extra);
-            let (control, extra) = (&control[before.0..], &extra[before.1..]);
-            vertices.take(cluster, &header, attributes, &known, control, extra);
-            (header, extra.len() as u32)
-        })
-        .collect();
+    let mut headers: Vec<(ClusterHeader, u32)> = Vec::with_capacity(clusters.len());
+    for (number, cluster) in clusters.iter().enumerate() {
+        let (mut header, table) = ClusterHeader::of(cluster);
+        if header.has_material_table() {
+            header.0[cluster_word::MATERIALS] = tables.len() as u32;
+            tables.extend(table);
+        }
+        writer.cluster(
+            number,
+            cluster,
+            &header,
+            attributes,
+            &sources.vertices[number],
+        );
+        headers.push((header, 0));
+    }
     let all = headers.iter().map(|(header, _)| header);
     let memory_words = memory_form::page_words(all, attributes, tables.len())?;
-    let widest = |field: usize| {
-        let widths = headers.iter().map(|(header, _)| header.widths()[field]);
-        widths.max().unwrap_or(0)
-    };
-    let plane_widths = (0..5).fold(0, |word, field| {
-        word | widest(field).div_ceil(8) << (4 * field)
-    });
-    let vertex_count = clusters.iter().map(|cluster| cluster.positions.len()).sum();
-    let triangle_count = control.len();
-    let layout = Layout::new(
-        attributes,
-        clusters.len(),
-        vertex_count,
-        triangle_count,
-        tables.len(),
-        plane_widths,
-    );
-    let stored = Stored::new(
-        clusters.len(),
-        [vertices.references.len(), vertices.own],
-        triangle_count,
-        extra.len(),
-        &layout.field_bytes,
-        tables.len(),
-    );
+    for ((header, _), round) in headers.iter_mut().zip(&sources.rounds) {
+        header.0[cluster_word::COUNTS] |= round << ROUND_SHIFT;
+    }
+    let parents = writer.name_parents(&clusters, &mut headers, parents);
 
-    let mut bytes = vec![0; stored.bytes];
-    let mut put = |word: usize, value: u32| {
-        bytes[4 * word..4 * word + 4].copy_from_slice(&value.to_le_bytes());
+    let plane_widths = super::plane_widths(headers.iter().map(|(header, _)| header));
+    let counts = Counts {
+        clusters: clusters.len(),
+        vertices: clusters.iter().map(|cluster| cluster.positions.len()).sum(),
+        triangles: clusters.iter().map(|cluster| cluster.triangles.len()).sum(),
+        table_words: tables.len(),
+        extra_bytes: writer.extra.len(),
+        step_bytes: writer.steps.bytes.len(),
+        repeated: writer.repeated[0].len(),
+        inherited: writer.inherited[0].len(),
+        parents: parents.len(),
     };
-    put(header_word::MAGIC, MAGIC);
-    put(header_word::ATTRIBUTES, attributes.0);
-    put(header_word::CLUSTER_COUNT, clusters.len() as u32);
-    put(header_word::PAGE, page);
-    put(header_word::VERTEX_COUNT, vertex_count as u32);
-    put(header_word::TRIANGLE_COUNT, triangle_count as u32);
-    put(header_word::TABLE_WORDS, tables.len() as u32);
-    put(header_word::MEMORY_WORDS, memory_words as u32);
-    put(header_word::PLANE_WIDTHS, plane_widths);
-    put(header_word::EXTRA_BYTES, extra.len() as u32);
-    put(header_word::SHARED_VERTICES, stored.shared as u32);
-    for (word, &value) in tables.iter().enumerate() {
-        put(stored.tables / 4 + word, value);
+    let layout = Layout::new(attributes, &counts, plane_widths);
+    let stored = Stored::new(counts, &layout.field_bytes);
+    let mut bytes = vec![0; stored.bytes];
+    for (word, value) in [
+        (header_word::MAGIC, MAGIC),
+        (header_word::ATTRIBUTES, attributes.0),
+        (header_word::CLUSTER_COUNT, counts.clusters as u32),
+        (header_word::PAGE, page),
+        (header_word::VERTEX_COUNT, counts.vertices as u32),
+        (header_word::TRIANGLE_COUNT, counts.triangles as u32),
+        (header_word::TABLE_WORDS, counts.table_words as u32),
+        (header_word::MEMORY_WORDS, memory_words as u32),
+        (header_word::PLANE_WIDTHS, plane_widths),
+        (header_word::EXTRA_BYTES, counts.extra_bytes as u32),
+        (header_word::STEP_BYTES, counts.step_bytes as u32),
+        (header_word::REPEATED, counts.repeated as u32),
+        (header_word::INHERITED, counts.inherited as u32),
+        (header_word::PARENTS, counts.parents as u32),
+        (
+            header_word::ROUNDS,
+            super::rounds(headers.iter().map(|(header, _)| header)),
+        ),
+    ] {
+        bytes[4 * word..][..4].copy_from_slice(&value.to_le_bytes());
     }
     stored.write_columns(&headers, &mut bytes);
-    bytes[stored.control..][..control.len()].copy_from_slice(&control);
-    bytes[stored.extra..][..extra.len()].copy_from_slice(&extra);
-
-    stored.write_references(&vertices.references, &mut bytes);
-    let mut plane = stored.vertex_planes;
-    for (field, &field_bytes) in layout.field_bytes.iter().enumerate() {
-        for byte in 0..field_bytes {
-            let own = &vertices.differences[field];
-            for (slot, value) in bytes[plane..].iter_mut().zip(own) {
-                *slot = (value >> (8 * byte)) as u8;
-            }
-            plane += stored.vertex_plane_bytes;
-        }
-    }
-    Ok(words(&bytes))
-}
-
-/// Little-endian words.
-pub(super) fn words(bytes: &[u8]) -> Vec<u32> {
+    stored.write_parents(&parents, &mut bytes);
+    stored.write(
+        &mut bytes,
+        Sections {
+            steps: &writer.steps.bytes,
+            extra: &writer.extra,
+            kinds: &writer.kinds.bytes,
+            repeated: &writer.repeated,
+            inherited: &writer.inherited,
+            differences: &writer.differences,
+            field_bytes: &layout.field_bytes,
+            tables: &tables,
+        },
+    );
+    debug_assert!(sources.rounds.iter().all(|&round| round < MOST_ROUNDS));
     let (words, _) = bytes.as_chunks::<4>();
-    words.iter().map(|&word| u32::from_le_bytes(word)).collect()
+    Ok(words.iter().map(|&word| u32::from_le_bytes(word)).collect())
 }
 
-/// The vertices of a page as they are stored.
+/// The sections of a page as they grow.
 #[derive(Debug, Default)]
-struct Vertices {
-    references: Vec<u16>,
-    /// Number of the vertex last referred to.
-    last: u16,
-    /// Vertices that are not references.
-    own: usize,
-    /// How far every field of the others is from what is expected of it.
+struct Writer {
+    steps: StepWriter,
+    extra: Vec<u8>,
+    kinds: DigitWriter<3>,
+    /// Cluster low, cluster high, vertex.
+    repeated: [Vec<u8>; 3],
+    /// Parent, vertex.
+    inherited: [Vec<u8>; 2],
+    /// How far every field of the own vertices is from what is expected of it.
     differences: [Vec<u32>; FIELDS],
 }
 
-impl Vertices {
-    /// Takes up the vertices of a cluster in the order of its control bytes; `known` has their numbers in clusters before.
-    fn take(
+impl Writer {
+    fn cluster(
         &mut self,
+        number: usize,
         cluster: &Cluster,
         header: &ClusterHeader,
         attributes: Attributes,
-        known: &[Vec<u16>],
-        control: &[u8],
-        extra: &[u8],
+        sources: &[Source],
     ) {
+        let beyond = topology::encode(&cluster.triangles, &mut self.steps, &mut self.extra);
+        self.references(number, sources);
         let bits = header.field_bits(attributes);
-        let mut values = Values::new();
-        let mut own: Vec<usize> = Vec::with_capacity(cluster.positions.len());
-        let decoded = topology::decode(control, extra, |event| {
-            let vertex = values.count;
-            let beyond = match event {
-                Event::Triangle(_) => return,
-                Event::Vertex(beyond) => {
-                    own.push(vertex);
-                    Some(beyond)
-                }
-                Event::Shared => {
-                    if let Some((stored, number)) = reference(self.last, &known[vertex]) {
-                        self.references.push(stored);
-                        self.last = number;
-                    }
-                    None
-                }
-            };
-            for field in (0..FIELDS).filter(|&field| bits[field] > 0) {
-                let value = offset(cluster, header, field, vertex);
-                if let (Some(beyond), false) = (beyond, is_normal(field)) {
-                    let predicted = values.predict(field, beyond);
-                    self.differences[field].push(difference(value, predicted, bits[field]));
-                }
-                values.fields[field][vertex] = value;
+        let expected = match attributes.has(Attributes::NORMAL) {
+            true => expected_normals(cluster, header),
+            false => Vec::new(),
+        };
+        let own = |vertex: &usize| sources[*vertex] == Source::Own;
+        for (vertex, beyond) in beyond.into_iter().enumerate() {
+            if !own(&vertex) {
+                continue;
             }
-            values.count += 1;
-        });
-        self.own += own.len();
-        if attributes.has(Attributes::NORMAL) {
-            let expected = values.expected_normals(&cluster.triangles);
-            for axis in 0..2 {
-                let field = NORMAL + axis;
-                self.differences[field].extend(own.iter().map(|&vertex| {
-                    let value = values.fields[field][vertex];
-                    difference(value, expected[vertex][axis], bits[field])
-                }));
+            for (field, differences) in self.differences.iter_mut().enumerate() {
+                let value = |vertex| offset(cluster, header, field, vertex);
+                differences.push(match bits[field] {
+                    // What has no bits here may have some in other clusters.
+                    0 => 0,
+                    bits => {
+                        let predicted = match is_normal(field) {
+                            true => expected[vertex][field - super::field::NORMAL],
+                            false => expect(field, beyond, vertex, &value),
+                        };
+                        difference(value(vertex), predicted, bits)
+                    }
+                });
             }
         }
-        // What has no bits here may have some in other clusters.
-        let all = self.own;
-        self.differences
-            .iter_mut()
-            .for_each(|field| field.resize(all, 0));
-        debug_assert!(decoded.is_ok(), "what was just encoded: {decoded:?}");
     }
+
+    fn references(&mut self, number: usize, sources: &[Source]) {
+        let mut last_repeated = (number as u32, 0u8);
+        let mut last_inherited = (0u32, 0u8);
+        for &source in sources {
+            match source {
+                Source::Own => self.kinds.push(kind::OWN),
+                Source::Repeated { cluster, vertex } => {
+                    self.kinds.push(kind::REPEATED);
+                    let apart = cluster.wrapping_sub(last_repeated.0) as i16;
+                    let [low, high] = (((apart << 1) ^ (apart >> 15)) as u16).to_le_bytes();
+                    self.repeated[0].push(low);
+                    self.repeated[1].push(high);
+                    let same = cluster == last_repeated.0;
+                    self.repeated[2].push(step_to(vertex, same.then_some(last_repeated.1)));
+                    last_repeated = (cluster, vertex);
+                }
+                Source::Inherited { parent, vertex } => {
+                    self.kinds.push(kind::INHERITED);
+                    let apart = parent.wrapping_sub(last_inherited.0) as i8;
+                    self.inherited[0].push(((apart << 1) ^ (apart >> 7)) as u8);
+                    let same = parent == last_inherited.0;
+                    self.inherited[1].push(step_to(vertex, same.then_some(last_inherited.1)));
+                    last_inherited = (parent, vertex);
+                }
+            }
+        }
+    }
+
+    /// Fills in the number of parents of each cluster's group; gives their pages and clusters, group after group.
+    fn name_parents(
+        &self,
+        clusters: &[Cluster],
+        headers: &mut [(ClusterHeader, u32)],
+        parents: &[Parent<'_>],
+    ) -> Vec<[u32; 2]> {
+        let mut named = Vec::new();
+        if self.inherited[0].is_empty() {
+            return named;
+        }
+        let mut first = 0;
+        for same in clusters.chunk_by(|a, b| a.group == b.group) {
+            let own = parents.iter();
+            let own = own.filter(|parent| parent.cluster.child_group == same[0].group);
+            let before = named.len();
+            named.extend(
+                own.map(|parent| [parent.page, parent.index])
+                    .take(super::sources::MOST_PARENTS),
+            );
+            let count = (named.len() - before) as u32;
+            headers[first..first + same.len()]
+                .iter_mut()
+                .for_each(|(_, parents)| *parents = count);
+            first += same.len();
+        }
+        named
+    }
+}
+
+/// A vertex number: how far from the last of the same cluster, or as it is.
+fn step_to(vertex: u8, last: Option<u8>) -> u8 {
+    match last {
+        Some(last) => {
+            let apart = vertex.wrapping_sub(last) as i8;
+            ((apart << 1) ^ (apart >> 7)) as u8
+        }
+        None => vertex,
+    }
+}
+
+fn expect(field: usize, beyond: Option<Edge>, vertex: usize, value: &impl Fn(usize) -> u32) -> u32 {
+    match beyond {
+        Some(edge) => beyond_edge(field, edge.map(|vertex| value(vertex as usize))),
+        None => vertex.checked_sub(1).map_or(0, value),
+    }
+}
+
+/// What the normal of every vertex is expected to be.
+fn expected_normals(cluster: &Cluster, header: &ClusterHeader) -> Vec<[u32; 2]> {
+    let [x, y, z, ..] = header.widths();
+    let shift = surface_shift([x, y, z]);
+    let mut sums = [[0; 3]; 256];
+    let position =
+        |vertex: u8| [0, 1, 2].map(|axis| offset(cluster, header, axis, vertex as usize));
+    for &triangle in &cluster.triangles {
+        add_normal(&mut sums, triangle, position, shift);
+    }
+    let own = &sums[..cluster.positions.len()];
+    own.iter().map(|&sum| on_octahedron(sum)).collect()
 }
 
 /// Value of a vertex field less the cluster's smallest, in plane order of the fields.

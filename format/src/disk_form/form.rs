@@ -1,7 +1,7 @@
 //! A page in disk form that passed every check: what it holds.
 
 use super::{ClusterSpan, Layout, header_word};
-use crate::cluster::{Attributes, Cluster};
+use crate::cluster::Attributes;
 use crate::memory_form::ClusterHeader;
 
 /// A page in disk form that passed every check.
@@ -11,35 +11,12 @@ pub struct DiskForm {
     pub(super) layout: Layout,
     pub(super) headers: Vec<ClusterHeader>,
     pub(super) spans: Vec<ClusterSpan>,
+    pub(super) parents: Vec<[u32; 2]>,
     pub(super) tables_word: u32,
 }
 
 impl DiskForm {
-    fn byte(&self, plane: usize, index: usize) -> u32 {
-        self.words[plane + index / 4] >> (8 * (index % 4)) & 0xff
-    }
-
-    /// Vertex indices of a triangle of a cluster.
-    pub fn triangle(&self, cluster: usize, triangle: u32) -> [u8; 3] {
-        let index = (self.spans[cluster].first_triangle + triangle) as usize;
-        std::array::from_fn(|corner| {
-            self.byte(
-                self.layout.index_planes + corner * self.layout.index_plane_words,
-                index,
-            ) as u8
-        })
-    }
-
-    /// A vertex field ([`Layout::field_bytes`] order) less the cluster's smallest value.
-    pub fn offset(&self, cluster: usize, field: usize, vertex: u32) -> u32 {
-        let index = (self.spans[cluster].first_vertex + vertex) as usize;
-        let plane = self.layout.field_plane(field);
-        (0..self.layout.field_bytes[field]).fold(0, |value, byte| {
-            value | self.byte(plane + byte * self.layout.vertex_plane_words, index) << (8 * byte)
-        })
-    }
-
-    /// The words of the staged form, which `transcode` gathers from.
+    /// The words of the staged form.
     pub fn words(&self) -> &[u32] {
         &self.words
     }
@@ -49,7 +26,8 @@ impl DiskForm {
         &self.layout
     }
 
-    /// Cluster headers; payload offsets are zero, table offsets count from the first table.
+    /// Cluster headers; payload offsets and extents are zero, table offsets count from the first table, and the counts have the
+    /// round from bit [`super::ROUND_SHIFT`].
     pub fn headers(&self) -> &[ClusterHeader] {
         &self.headers
     }
@@ -57,6 +35,24 @@ impl DiskForm {
     /// Where each cluster's data begins.
     pub fn spans(&self) -> &[ClusterSpan] {
         &self.spans
+    }
+
+    /// Parents that vertices are inherited from: the page, smaller than this one's number, and the cluster in it.
+    pub fn parents(&self) -> &[[u32; 2]] {
+        &self.parents
+    }
+
+    /// Pages that must be in memory form before this one can be, ascending.
+    pub fn parent_pages(&self) -> Vec<u32> {
+        let mut pages: Vec<u32> = self.parents.iter().map(|parent| parent[0]).collect();
+        pages.sort_unstable();
+        pages.dedup();
+        pages
+    }
+
+    /// Where every vertex of the page comes from, as `sources` words it.
+    pub(super) fn sources(&self) -> &[u32] {
+        &self.words[self.layout.sources..self.layout.vertex_planes]
     }
 
     /// Which vertex attributes the page has.
@@ -79,59 +75,9 @@ impl DiskForm {
         self.tables_word
     }
 
-    /// Unpacks every cluster.
-    pub fn clusters(&self) -> Vec<Cluster> {
-        (0..self.headers.len())
-            .map(|cluster| self.cluster(cluster))
-            .collect()
-    }
-
-    fn cluster(&self, cluster: usize) -> Cluster {
-        let header = &self.headers[cluster];
-        let vertices = 0..header.vertex_count();
-        let (origin, uv_min, color_min) = (header.origin(), header.uv_min(), header.color_min());
-        let when = |flag| {
-            if self.attributes().has(flag) {
-                vertices.clone()
-            } else {
-                0..0
-            }
-        };
-        Cluster {
-            positions: vertices
-                .clone()
-                .map(|vertex| {
-                    std::array::from_fn(|axis| {
-                        origin[axis] + self.offset(cluster, axis, vertex) as i32
-                    })
-                })
-                .collect(),
-            normals: when(Attributes::NORMAL)
-                .map(|vertex| {
-                    std::array::from_fn(|axis| self.offset(cluster, 3 + axis, vertex) as u16)
-                })
-                .collect(),
-            uvs: when(Attributes::UV)
-                .map(|vertex| {
-                    std::array::from_fn(|axis| {
-                        uv_min[axis] + self.offset(cluster, 5 + axis, vertex) as i32
-                    })
-                })
-                .collect(),
-            colors: when(Attributes::COLOR)
-                .map(|vertex| {
-                    std::array::from_fn(|c| {
-                        color_min[c] + self.offset(cluster, 7 + c, vertex) as u8
-                    })
-                })
-                .collect(),
-            triangles: (0..header.triangle_count())
-                .map(|triangle| self.triangle(cluster, triangle))
-                .collect(),
-            materials: self.materials(cluster).unwrap_or_default(),
-            level: header.level() as u8,
-            group: header.group(),
-            child_group: header.child_group(),
-        }
+    /// Vertices that the page itself stores.
+    pub fn own_vertices(&self) -> usize {
+        let word = |word: usize| self.words[word] as usize;
+        word(header_word::VERTEX_COUNT) - word(header_word::REPEATED) - word(header_word::INHERITED)
     }
 }

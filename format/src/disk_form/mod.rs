@@ -1,40 +1,47 @@
 //! The disk form of a page: what is stored and sent, made to be small after a byte-wise LZ, and the staged form that it is read
-//! into, from which `transcode` gathers the memory form.
+//! into, from which the GPU makes the memory form.
 //!
 //! ```text
-//! stored: header (16 words) | columns (13) | control bytes | extra bytes | reference planes (2) | vertex planes | material tables
-//! staged: header (16 words) | columns (15, a word a cluster) | index planes (3) | vertex planes | material tables
+//! stored: header (16 words) | columns (13) | parents | steps | extra bytes | kinds | repeated | inherited | vertex planes | tables
+//! staged: header (16 words) | columns (15, a word a cluster) | index planes (3) | sources (a word a vertex) | vertex planes | tables
 //! ```
 //!
-//! A plane holds one byte of one field of every cluster, triangle or vertex of the page, padded to a word. Vertex planes, in
-//! order: the bytes of x, y, z from low to high, then normal u, v, then texture u, v, then r, g, b, a. Staged values are what the
-//! memory form packs: offsets from the cluster's smallest value. Stored ones are how far those are from what is expected of them
-//! (see `predict`), and triangles are bytes that name edges (see `topology`). A vertex that an earlier cluster of the page has is stored
-//! as a reference to it (see `shared`).
+//! Triangles are steps around open edges (see `topology`). A vertex that an earlier cluster of the page or a parent has is named,
+//! not stored (see `sources`); of the others the planes hold, byte by byte and field by field, how far they are from what is expected of
+//! them (see `predict`). [`memory_form`] undoes all this on the CPU, bit for bit as the GPU does.
 
 mod check;
+mod digits;
 mod encode;
 mod form;
+mod order;
 mod parse;
 mod predict;
-mod shared;
+mod restore;
+mod sources;
 mod stored;
 mod topology;
 
 pub use encode::encode;
 pub use form::DiskForm;
+pub use order::canonical;
 pub use parse::ClusterSpan;
-pub use topology::canonical;
+pub use predict::SURFACE_BITS;
+pub use restore::memory_form;
+pub use sources::{Parent, word as source_word};
 
 use crate::cluster::Attributes;
-use crate::memory_form::CLUSTER_HEADER_WORDS;
+use crate::memory_form::{CLUSTER_HEADER_WORDS, ClusterHeader, cluster_word};
+use stored::Counts;
 
-/// "LSD3".
-pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD3");
+/// "LSD4".
+pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD4");
 /// Words before the first column.
 pub const HEADER_WORDS: usize = 16;
 /// Staged columns: every word of a cluster header but its payload offset, which follows from the others.
 pub const COLUMNS: usize = CLUSTER_HEADER_WORDS - 1;
+/// First bit of a cluster's round in its counts; the memory form has zeros there.
+pub const ROUND_SHIFT: u32 = 28;
 
 /// Word numbers inside the header; the rest is zero.
 pub mod header_word {
@@ -56,14 +63,32 @@ pub mod header_word {
     pub const MEMORY_WORDS: usize = 7;
     /// Bytes of x, y, z, u, v: four bits each from bit 0.
     pub const PLANE_WIDTHS: usize = 8;
-    /// Extra bytes of all clusters; they are not staged.
+    /// Extra bytes of the triangles.
     pub const EXTRA_BYTES: usize = 9;
-    /// Vertices that are references; they are staged like all others.
-    pub const SHARED_VERTICES: usize = 10;
+    /// Bytes of the steps.
+    pub const STEP_BYTES: usize = 10;
+    /// Vertices of earlier clusters of the page.
+    pub const REPEATED: usize = 11;
+    /// Vertices of parents.
+    pub const INHERITED: usize = 12;
+    /// Parents of all groups.
+    pub const PARENTS: usize = 13;
+    /// Rounds in which clusters are unpacked.
+    pub const ROUNDS: usize = 14;
 }
 
-/// Fields of a vertex in plane order.
+/// Fields of a vertex in plane order: x, y, z, normal u, v, texture u, v, r, g, b, a.
 pub const FIELDS: usize = 11;
+
+/// First fields of the attributes.
+pub mod field {
+    /// Normals.
+    pub const NORMAL: usize = 3;
+    /// Texture coordinates.
+    pub const UV: usize = 5;
+    /// Colours.
+    pub const COLOR: usize = 7;
+}
 
 /// Where the sections of the staged form lie, in words; a pure function of the header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,6 +99,8 @@ pub struct Layout {
     pub index_planes: usize,
     /// Words of one index plane.
     pub index_plane_words: usize,
+    /// First of the words that say where vertices come from.
+    pub sources: usize,
     /// First word of the vertex planes.
     pub vertex_planes: usize,
     /// Words of one vertex plane.
@@ -87,14 +114,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    fn new(
-        attributes: Attributes,
-        cluster_count: usize,
-        vertex_count: usize,
-        triangle_count: usize,
-        table_words: usize,
-        plane_widths: u32,
-    ) -> Self {
+    fn new(attributes: Attributes, counts: &Counts, plane_widths: u32) -> Self {
         let width = |field: usize| (plane_widths >> (4 * field) & 0xf) as usize;
         let when = |flag, bytes| if attributes.has(flag) { bytes } else { 0 };
         let normal = when(Attributes::NORMAL, 2);
@@ -112,20 +132,22 @@ impl Layout {
             color,
             color,
         ];
-        let index_planes = HEADER_WORDS + COLUMNS * cluster_count;
-        let index_plane_words = triangle_count.div_ceil(4);
-        let vertex_planes = index_planes + 3 * index_plane_words;
-        let vertex_plane_words = vertex_count.div_ceil(4);
+        let index_planes = HEADER_WORDS + COLUMNS * counts.clusters;
+        let index_plane_words = counts.triangles.div_ceil(4);
+        let sources = index_planes + 3 * index_plane_words;
+        let vertex_planes = sources + counts.vertices;
+        let vertex_plane_words = counts.own().div_ceil(4);
         let tables = vertex_planes + field_bytes.iter().sum::<usize>() * vertex_plane_words;
         Self {
-            cluster_count,
+            cluster_count: counts.clusters,
             index_planes,
             index_plane_words,
+            sources,
             vertex_planes,
             vertex_plane_words,
             field_bytes,
             tables,
-            words: tables + table_words,
+            words: tables + counts.table_words,
         }
     }
 
@@ -137,11 +159,29 @@ impl Layout {
 
     /// First word of the column of word `word` of the cluster headers (`word` is not the payload's).
     pub fn column(&self, word: usize) -> usize {
-        let column = if word > crate::memory_form::cluster_word::PAYLOAD {
+        let column = if word > cluster_word::PAYLOAD {
             word - 1
         } else {
             word
         };
         HEADER_WORDS + column * self.cluster_count
     }
+}
+
+/// The round in which a cluster is unpacked.
+fn round(header: &ClusterHeader) -> u32 {
+    header.0[cluster_word::COUNTS] >> ROUND_SHIFT
+}
+
+/// Rounds of a page.
+fn rounds<'a>(headers: impl Iterator<Item = &'a ClusterHeader>) -> u32 {
+    headers.map(|header| round(header) + 1).max().unwrap_or(0)
+}
+
+/// Bytes of the widest x, y, z, u, v of a page, as its header has them.
+fn plane_widths<'a>(headers: impl Iterator<Item = &'a ClusterHeader> + Clone) -> u32 {
+    (0..5).fold(0, |word, field| {
+        let widths = headers.clone().map(|header| header.widths()[field]);
+        word | widths.max().unwrap_or(0).div_ceil(8) << (4 * field)
+    })
 }

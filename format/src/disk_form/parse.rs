@@ -1,28 +1,29 @@
 //! Disk form to checked view: the one place where bytes from outside become trusted. Whatever passes here can be
-//! transcoded and drawn without another check.
+//! transcoded and drawn without another check, whatever its parents hold.
 
 use super::check::{check_header, hex, within};
-use super::encode::words;
-use super::predict::{NORMAL, Values, is_normal, value};
-use super::shared::referred;
-use super::stored::Stored;
-use super::topology::{self, Edge, Event};
-use super::{DiskForm, FIELDS, HEADER_WORDS, Layout, MAGIC, header_word};
+use super::digits::DigitReader;
+use super::sources::{kind, word};
+use super::stored::{Counts, Stored, unfolded};
+use super::topology::{self, Event, StepReader};
+use super::{DiskForm, HEADER_WORDS, Layout, MAGIC, header_word, plane_widths, round, rounds};
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
-use crate::limits::{MAX_DISK_FORM_BYTES, MAX_PAGE_CLUSTERS, PAGE_WORDS};
-use crate::memory_form::{CLUSTER_HEADER_WORDS, ClusterHeader, PAGE_HEADER_WORDS, cluster_word};
+use crate::limits::{MAX_DISK_FORM_BYTES, MAX_PAGE_CLUSTERS};
+use crate::memory_form::{CLUSTER_HEADER_WORDS, PAGE_HEADER_WORDS, cluster_word};
 
 /// Where one cluster's data begins in either form; follows from the headers before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct ClusterSpan {
-    /// First vertex in the vertex planes.
+    /// First vertex of the page's.
     pub first_vertex: u32,
     /// First triangle in the index planes.
     pub first_triangle: u32,
     /// First payload word in the memory form, from the start of the page.
     pub payload_word: u32,
+    /// First of its own vertices in the vertex planes.
+    pub first_own: u32,
 }
 
 impl DiskForm {
@@ -39,7 +40,7 @@ impl DiskForm {
         ensure(
             header[header_word::MAGIC] == MAGIC,
             "disk form magic",
-            "LSD3",
+            "LSD4",
             hex(header[header_word::MAGIC]),
         )?;
         let attributes = Attributes(header[header_word::ATTRIBUTES]);
@@ -49,77 +50,19 @@ impl DiskForm {
             "at most 7",
             attributes.0,
         )?;
-        let spare = header[header_word::SHARED_VERTICES + 1..]
-            .iter()
-            .find(|&&word| word != 0);
-        ensure(
-            spare.is_none(),
-            "disk form spare header words",
-            0,
-            spare.copied().unwrap_or(0),
-        )?;
-        let size = |word: usize, at: &str, range: std::ops::RangeInclusive<usize>| {
-            let value = header[word] as usize;
-            ensure(range.contains(&value), at, format_args!("{range:?}"), value).map(|()| value)
-        };
-        let cluster_count = size(
-            header_word::CLUSTER_COUNT,
-            "disk form clusters",
-            1..=MAX_PAGE_CLUSTERS,
-        )?;
-        let vertex_count = size(
-            header_word::VERTEX_COUNT,
-            "disk form vertices",
-            1..=MAX_DISK_FORM_BYTES,
-        )?;
-        let triangle_count = size(
-            header_word::TRIANGLE_COUNT,
-            "disk form triangles",
-            1..=MAX_DISK_FORM_BYTES,
-        )?;
-        let table_words = size(
-            header_word::TABLE_WORDS,
-            "disk form table words",
-            0..=PAGE_WORDS,
-        )?;
-        let memory_words = size(
-            header_word::MEMORY_WORDS,
-            "disk form memory words",
-            1..=PAGE_WORDS,
-        )?;
-        let extra_bytes = size(
-            header_word::EXTRA_BYTES,
-            "disk form extra bytes",
-            0..=3 * triangle_count,
-        )?;
-        let shared = size(
-            header_word::SHARED_VERTICES,
-            "disk form shared vertices",
-            0..=vertex_count,
-        )?;
-        let plane_widths = header[header_word::PLANE_WIDTHS];
-        let layout = Layout::new(
-            attributes,
-            cluster_count,
-            vertex_count,
-            triangle_count,
-            table_words,
-            plane_widths,
-        );
+        let spare = header[header_word::ROUNDS + 1..].iter().copied();
+        let spare = spare.fold(0, |sum, word| sum | word);
+        ensure(spare == 0, "disk form spare header words", 0, spare)?;
+        let counts = Counts::read(header)?;
+        let widths = header[header_word::PLANE_WIDTHS];
+        let layout = Layout::new(attributes, &counts, widths);
         ensure(
             layout.words <= most,
             "staged words",
             format_args!("at most {most}"),
             layout.words,
         )?;
-        let stored = Stored::new(
-            cluster_count,
-            [shared, vertex_count - shared],
-            triangle_count,
-            extra_bytes,
-            &layout.field_bytes,
-            table_words,
-        );
+        let stored = Stored::new(counts, &layout.field_bytes);
         ensure(
             stored.bytes == 4 * words.len(),
             "disk form bytes",
@@ -127,149 +70,59 @@ impl DiskForm {
             4 * words.len(),
         )?;
 
+        let bytes: &[u8] = bytemuck::cast_slice(&words);
         let mut form = Self {
-            words: words[..HEADER_WORDS].to_vec(),
+            words: vec![0; layout.words],
             layout,
-            headers: Vec::with_capacity(cluster_count),
-            spans: Vec::new(),
+            headers: Vec::with_capacity(counts.clusters),
+            spans: Vec::with_capacity(counts.clusters),
+            parents: stored.read_parents(bytes),
             tables_word: 0,
         };
-        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-        let mut extras = Vec::with_capacity(cluster_count);
-        for (cluster, (header, extra)) in stored.read_columns(&bytes).into_iter().enumerate() {
+        form.words[..HEADER_WORDS].copy_from_slice(header);
+        let mut parents = Vec::with_capacity(counts.clusters);
+        for (cluster, (header, count)) in stored.read_columns(bytes).into_iter().enumerate() {
             check_header(&header, attributes).map_err(|error| within(error, cluster))?;
             form.headers.push(header);
-            extras.push(extra);
+            parents.push(count);
         }
-        let expected = (0..5).fold(0, |word, field| {
-            let widest = form
-                .headers
-                .iter()
-                .map(|header| header.widths()[field])
-                .max()
-                .unwrap_or(0);
-            word | widest.div_ceil(8) << (4 * field)
-        });
-        ensure(
-            plane_widths == expected,
-            "disk form plane widths",
-            hex(expected),
-            hex(plane_widths),
-        )?;
-        form.place(attributes, vertex_count, triangle_count, memory_words)?;
-        form.stage(attributes, &bytes, &stored, &extras)?;
-        for cluster in 0..cluster_count {
+        for (at, word, expected) in [
+            (
+                "disk form plane widths",
+                header_word::PLANE_WIDTHS,
+                plane_widths(form.headers.iter()),
+            ),
+            (
+                "disk form rounds",
+                header_word::ROUNDS,
+                rounds(form.headers.iter()),
+            ),
+        ] {
+            ensure(
+                header[word] == expected,
+                at,
+                hex(expected),
+                hex(header[word]),
+            )?;
+        }
+        form.place(attributes, &counts)?;
+        form.check_parents(&parents)?;
+        stored.stage_planes(bytes, &layout, bytemuck::cast_slice_mut(&mut form.words));
+        form.unpack(&stored, bytes, &counts, &parents)?;
+        form.check_repeated()?;
+        for word in (0..CLUSTER_HEADER_WORDS).filter(|&word| word != cluster_word::PAYLOAD) {
+            let column = form.layout.column(word);
+            for (cluster, header) in form.headers.iter().enumerate() {
+                form.words[column + cluster] = header.0[word];
+            }
+        }
+        for cluster in 0..counts.clusters {
             form.check_cluster(cluster, attributes)?;
         }
         Ok(form)
     }
 
-    /// Reads triangles and vertices, and writes the staged form of everything.
-    fn stage(
-        &mut self,
-        attributes: Attributes,
-        bytes: &[u8],
-        stored: &Stored,
-        extras: &[u32],
-    ) -> Result<(), FormatError> {
-        let layout = self.layout;
-        let mut staged = vec![0u8; 4 * layout.words];
-        let mut extra = &bytes[stored.extra..][..stored.extra_bytes];
-        let mut vertices = Vertices::default();
-        for (cluster, &extras) in extras.iter().enumerate() {
-            let wrong = |expected: &str, found: &str| {
-                within(FormatError::new("triangles", expected, found), cluster)
-            };
-            let (header, span) = (self.headers[cluster], &self.spans[cluster]);
-            let Some((own_extra, rest)) = extra.split_at_checked(extras as usize) else {
-                return Err(wrong("as many extra bytes as there are", "more"));
-            };
-            extra = rest;
-            let first_control = stored.control + span.first_triangle as usize;
-            let control = &bytes[first_control..][..header.triangle_count() as usize];
-            let mut reader = Reader {
-                bytes,
-                stored,
-                layout: &layout,
-                headers: &self.headers,
-                spans: &self.spans,
-                cluster,
-                bits: header.field_bits(attributes),
-                least: least(&header),
-                first_vertex: span.first_vertex as usize,
-                vertices: header.vertex_count() as usize,
-                read: vertices,
-                own: Vec::with_capacity(header.vertex_count() as usize),
-                triangles: Vec::with_capacity(control.len()),
-                values: Values::new(),
-                spare: 0,
-            };
-            let mut triangle = span.first_triangle as usize;
-            let read = topology::decode(control, own_extra, |event| match event {
-                Event::Vertex(beyond) => reader.vertex(beyond),
-                Event::Shared => reader.shared(&staged),
-                Event::Triangle(corners) => {
-                    reader.triangles.push(corners);
-                    for (corner, index) in corners.into_iter().enumerate() {
-                        let plane = layout.index_planes + corner * layout.index_plane_words;
-                        staged[4 * plane + triangle] = index;
-                    }
-                    triangle += 1;
-                }
-            });
-            let (count, used) = read.map_err(|found| wrong("a control byte's meaning", found))?;
-            if count != reader.vertices || used != own_extra.len() {
-                let found = format!("{count} vertices, {used} extra bytes");
-                let expected = format!("{} and {}", reader.vertices, own_extra.len());
-                return Err(wrong(&expected, &found));
-            }
-            if reader.spare != 0 {
-                let error = FormatError::new(
-                    "vertex differences and references",
-                    "within the field's bits, before the cluster",
-                    "more",
-                );
-                return Err(within(error, cluster));
-            }
-            reader.normals(attributes);
-            let extent = reader.stage(&mut staged);
-            vertices = reader.read;
-            self.headers[cluster].0[cluster_word::EXTENT..][..3].copy_from_slice(&extent);
-        }
-        ensure(
-            vertices.shared == stored.shared && vertices.own == stored.own,
-            "shared vertices of all clusters",
-            stored.shared,
-            vertices.shared,
-        )?;
-        if !extra.is_empty() {
-            let found = format!("{} more", extra.len());
-            return Err(FormatError::new(
-                "extra bytes",
-                "those of the clusters",
-                found,
-            ));
-        }
-        let tables = &bytes[stored.tables..];
-        staged[4 * layout.tables..].copy_from_slice(tables);
-        let header = std::mem::take(&mut self.words);
-        self.words = words(&staged);
-        self.words[..HEADER_WORDS].copy_from_slice(&header);
-        for word in (0..CLUSTER_HEADER_WORDS).filter(|&word| word != cluster_word::PAYLOAD) {
-            for (cluster, header) in self.headers.iter().enumerate() {
-                self.words[layout.column(word) + cluster] = header.0[word];
-            }
-        }
-        Ok(())
-    }
-
-    fn place(
-        &mut self,
-        attributes: Attributes,
-        vertices: usize,
-        triangles: usize,
-        words: usize,
-    ) -> Result<(), FormatError> {
+    fn place(&mut self, attributes: Attributes, counts: &Counts) -> Result<(), FormatError> {
         let (mut vertex, mut triangle) = (0, 0);
         let mut payload = PAGE_HEADER_WORDS + CLUSTER_HEADER_WORDS * self.layout.cluster_count;
         for header in &self.headers {
@@ -277,163 +130,262 @@ impl DiskForm {
                 first_vertex: vertex as u32,
                 first_triangle: triangle as u32,
                 payload_word: payload as u32,
+                first_own: 0,
             });
             vertex += header.vertex_count() as usize;
             triangle += header.triangle_count() as usize;
             payload += header.payload_words(attributes);
         }
-        ensure(
-            vertex == vertices,
-            "vertices of all clusters",
-            vertices,
-            vertex,
-        )?;
-        ensure(
-            triangle == triangles,
-            "triangles of all clusters",
-            triangles,
-            triangle,
-        )?;
+        let total = payload + counts.table_words;
         self.tables_word = payload as u32;
-        let total = payload + self.layout.words - self.layout.tables;
-        ensure(total == words, "memory form words", total, words)
+        for (at, expected, found) in [
+            ("vertices of all clusters", counts.vertices, vertex),
+            ("triangles of all clusters", counts.triangles, triangle),
+            ("memory form words", total, self.memory_words()),
+        ] {
+            ensure(expected == found, at, expected, found)?;
+        }
+        ensure(
+            total <= crate::limits::PAGE_WORDS,
+            "memory form words",
+            format_args!("at most {}", crate::limits::PAGE_WORDS),
+            total,
+        )
+    }
+
+    /// Parents lie group after group, in pages before this one.
+    fn check_parents(&self, counts: &[u32]) -> Result<(), FormatError> {
+        let mut named = 0usize;
+        for (cluster, header) in self.headers.iter().enumerate() {
+            let before = cluster.checked_sub(1);
+            let same = before.filter(|&before| self.headers[before].group() == header.group());
+            match same {
+                Some(before) => ensure(
+                    counts[before] == counts[cluster],
+                    "parents of clusters of one group",
+                    counts[before],
+                    counts[cluster],
+                )?,
+                None => named += counts[cluster] as usize,
+            }
+        }
+        ensure(
+            named == self.parents.len(),
+            "parents of all groups",
+            self.parents.len(),
+            named,
+        )?;
+        for &[page, cluster] in &self.parents {
+            ensure(
+                page < self.page() && (cluster as usize) < MAX_PAGE_CLUSTERS,
+                "parent",
+                format_args!(
+                    "a cluster below {MAX_PAGE_CLUSTERS} of a page before {}",
+                    self.page()
+                ),
+                format_args!("cluster {cluster} of page {page}"),
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Reads triangles, and where vertices come from.
+    fn unpack(
+        &mut self,
+        stored: &Stored,
+        bytes: &[u8],
+        counts: &Counts,
+        parents: &[u32],
+    ) -> Result<(), FormatError> {
+        let layout = self.layout;
+        let (before, sources) = self.words.split_at_mut(layout.sources);
+        let indices: &mut [u8] = bytemuck::cast_slice_mut(&mut before[layout.index_planes..]);
+        let plane = 4 * layout.index_plane_words;
+        let mut steps = StepReader::new(stored.steps(bytes));
+        let mut extra = stored.extra(bytes).iter();
+        let mut reader = Reader {
+            kinds: DigitReader::new(stored.kinds(bytes)),
+            repeated: stored.repeated(bytes),
+            inherited: stored.inherited(bytes),
+            own: 0,
+            at: [0; 2],
+            cluster: 0,
+            last_repeated: (0, 0),
+            parents: 0..0,
+            last_inherited: (0, 0),
+        };
+        for (cluster, header) in self.headers.iter().enumerate() {
+            let span = &mut self.spans[cluster];
+            span.first_own = reader.own as u32;
+            let same = cluster > 0 && self.headers[cluster - 1].group() == header.group();
+            let first = if same {
+                reader.parents.start
+            } else {
+                reader.parents.end
+            };
+            reader.begin(cluster as u32, first..first + parents[cluster]);
+            let vertices = header.vertex_count() as usize;
+            let sources = &mut sources[span.first_vertex as usize..][..vertices];
+            let (mut triangle, mut vertex) = (span.first_triangle as usize, 0);
+            let triangles = header.triangle_count();
+            let read = topology::decode(&mut steps, &mut extra, triangles, |event| {
+                match event {
+                    Event::Vertex(beyond) => {
+                        let slot = sources
+                            .get_mut(vertex)
+                            .ok_or("more vertices than its header says")?;
+                        *slot = reader.vertex(beyond)?;
+                        vertex += 1;
+                    }
+                    Event::Triangle([a, b, c]) => {
+                        indices[triangle] = a;
+                        indices[plane + triangle] = b;
+                        indices[2 * plane + triangle] = c;
+                        triangle += 1;
+                    }
+                }
+                Ok(())
+            });
+            let wrong = |expected: String, found: String| {
+                within(FormatError::new("triangles", expected, found), cluster)
+            };
+            let count =
+                read.map_err(|found| wrong("steps that mean something".into(), found.into()))?;
+            if count != vertices {
+                return Err(wrong(format!("{vertices} vertices"), format!("{count}")));
+            }
+        }
+        let rest = FormatError::new(
+            "triangles of all clusters",
+            "all steps, extra bytes, kinds",
+            "more",
+        );
+        if steps.finish().is_err() || extra.len() > 0 || reader.kinds.finish().is_err() {
+            return Err(rest);
+        }
+        for (at, expected, found) in [
+            ("repeated vertices", counts.repeated, reader.at[0]),
+            ("inherited vertices", counts.inherited, reader.at[1]),
+        ] {
+            ensure(expected == found, at, expected, found)?;
+        }
+        Ok(())
+    }
+
+    /// What is repeated lies in a cluster of an earlier round, and is not itself repeated.
+    fn check_repeated(&self) -> Result<(), FormatError> {
+        let sources = &self.words[self.layout.sources..];
+        for (cluster, (header, span)) in self.headers.iter().zip(&self.spans).enumerate() {
+            let own = &sources[span.first_vertex as usize..][..header.vertex_count() as usize];
+            for &source in own
+                .iter()
+                .filter(|&&it| it >> word::KIND_SHIFT == word::REPEATED)
+            {
+                let (other, vertex) = word::parts(source);
+                let target = self.headers.get(other).is_some_and(|target| {
+                    let first = self.spans[other].first_vertex as usize;
+                    round(target) < round(header)
+                        && (vertex as u32) < target.vertex_count()
+                        && sources[first + vertex] >> word::KIND_SHIFT != word::REPEATED
+                });
+                let expected = "a vertex of an earlier round that is not repeated itself";
+                ensure(
+                    target,
+                    "repeated vertex",
+                    expected,
+                    format_args!("vertex {vertex} of cluster {other}"),
+                )
+                .map_err(|error| within(error, cluster))?;
+            }
+        }
+        Ok(())
     }
 }
 
-/// Smallest value of each field of a cluster's vertices, which offsets count from.
-fn least(header: &ClusterHeader) -> [u32; FIELDS] {
-    let [x, y, z] = header.origin().map(|value| value as u32);
-    let [u, v] = header.uv_min().map(|value| value as u32);
-    let [r, g, b, a] = header.color_min().map(u32::from);
-    [x, y, z, 0, 0, u, v, r, g, b, a]
-}
-
-/// How many vertices have been read, of either kind, and the last that was referred to.
-#[derive(Debug, Clone, Copy, Default)]
-struct Vertices {
-    own: usize,
-    shared: usize,
-    last: u16,
-}
-
-/// Reads the vertices of a cluster as they come.
+/// Reads where vertices come from, as they come.
 struct Reader<'a> {
-    bytes: &'a [u8],
-    stored: &'a Stored,
-    layout: &'a Layout,
-    headers: &'a [ClusterHeader],
-    spans: &'a [ClusterSpan],
-    cluster: usize,
-    /// Bits of each field, and its smallest value.
-    bits: [u32; FIELDS],
-    least: [u32; FIELDS],
-    /// First vertex in the staged planes, and how many there are.
-    first_vertex: usize,
-    vertices: usize,
-    read: Vertices,
-    /// Vertices whose normals are differences until the triangles are known.
-    own: Vec<u8>,
-    triangles: Vec<[u8; 3]>,
-    values: Values,
-    /// Bits of differences that lie above their fields'; references to what is not before the cluster set all.
-    spare: u32,
+    kinds: DigitReader<'a, 3>,
+    repeated: [&'a [u8]; 3],
+    inherited: [&'a [u8]; 2],
+    own: usize,
+    /// How many have been read of the other two.
+    at: [usize; 2],
+    cluster: u32,
+    /// Cluster and vertex.
+    last_repeated: (u32, u8),
+    /// Those of the group.
+    parents: std::ops::Range<u32>,
+    last_inherited: (u32, u8),
 }
 
 impl Reader<'_> {
-    fn vertex(&mut self, beyond: Option<Edge>) {
-        let vertex = self.values.count;
-        // One too many is found when they are counted.
-        if vertex < self.vertices && self.read.own < self.stored.own {
-            self.own(vertex, beyond);
-        }
-        self.read.own += 1;
-        self.values.count += 1;
+    fn begin(&mut self, cluster: u32, parents: std::ops::Range<u32>) {
+        self.cluster = cluster;
+        self.last_repeated = (cluster, 0);
+        self.parents = parents;
+        self.last_inherited = (0, 0);
     }
 
-    fn own(&mut self, vertex: usize, beyond: Option<Edge>) {
-        self.own.push(vertex as u8);
-        let mut plane = self.stored.vertex_planes + self.read.own;
-        for (field, &field_bytes) in self.layout.field_bytes.iter().enumerate() {
-            let mut difference = 0;
-            for byte in 0..field_bytes {
-                difference |= (self.bytes[plane] as u32) << (8 * byte);
-                plane += self.stored.vertex_plane_bytes;
+    #[inline]
+    fn vertex(&mut self, beyond: Option<topology::Edge>) -> Result<u32, &'static str> {
+        match self.kinds.next()? {
+            kind::OWN => {
+                self.own += 1;
+                Ok(match beyond {
+                    Some([from, to, opposite]) => u32::from_le_bytes([from, to, opposite, 0]),
+                    None => word::ANEW << word::KIND_SHIFT,
+                })
             }
-            let bits = self.bits[field];
-            self.spare |= difference >> bits;
-            if is_normal(field) {
-                self.values.fields[field][vertex] = difference;
-            } else if bits > 0 {
-                let predicted = self.values.predict(field, beyond);
-                self.values.fields[field][vertex] = value(difference, predicted, bits);
-            }
+            kind::REPEATED => self.repeat(),
+            _ => self.inherit(),
         }
     }
 
-    /// Turns the normals' differences into normals.
-    fn normals(&mut self, attributes: Attributes) {
-        if !attributes.has(Attributes::NORMAL) {
-            return;
+    fn repeat(&mut self) -> Result<u32, &'static str> {
+        let [low, high, vertex] = self.repeated;
+        let at = self.at[0];
+        let (Some(&low), Some(&high), Some(&vertex)) = (low.get(at), high.get(at), vertex.get(at))
+        else {
+            return Err("more repeated vertices than there are");
+        };
+        self.at[0] += 1;
+        let (last_cluster, last_vertex) = self.last_repeated;
+        let cluster = last_cluster.wrapping_add(unfolded(u32::from_le_bytes([low, high, 0, 0])));
+        if cluster >= MAX_PAGE_CLUSTERS as u32 {
+            return Err("a repeated vertex of no cluster");
         }
-        let expected = self.values.expected_normals(&self.triangles);
-        for &vertex in &self.own {
-            for axis in 0..2 {
-                let own = &mut self.values.fields[NORMAL + axis][vertex as usize];
-                let bits = self.bits[NORMAL + axis];
-                *own = value(*own, expected[vertex as usize][axis], bits);
-            }
-        }
+        let vertex = step_from(vertex, (cluster == last_cluster).then_some(last_vertex));
+        self.last_repeated = (cluster, vertex);
+        Ok(word::of(word::REPEATED, cluster, vertex))
     }
 
-    fn shared(&mut self, staged: &[u8]) {
-        let vertex = self.values.count;
-        if vertex < self.vertices && self.read.shared < self.stored.shared {
-            let stored = self.stored.reference(self.bytes, self.read.shared);
-            self.read.last = referred(self.read.last, stored);
-            match (self.read.last as usize) < self.first_vertex {
-                true => self.copy(vertex, staged),
-                false => self.spare = u32::MAX,
-            }
+    fn inherit(&mut self) -> Result<u32, &'static str> {
+        let [parent, vertex] = self.inherited;
+        let at = self.at[1];
+        let (Some(&parent), Some(&vertex)) = (parent.get(at), vertex.get(at)) else {
+            return Err("more inherited vertices than there are");
+        };
+        self.at[1] += 1;
+        let (last_parent, last_vertex) = self.last_inherited;
+        let parent = last_parent.wrapping_add(unfolded(parent as u32)) & 0xff;
+        if parent >= self.parents.end - self.parents.start {
+            return Err("an inherited vertex of no parent");
         }
-        self.read.shared += 1;
-        self.values.count += 1;
+        let vertex = step_from(vertex, (parent == last_parent).then_some(last_vertex));
+        self.last_inherited = (parent, vertex);
+        Ok(word::of(
+            word::INHERITED,
+            self.parents.start + parent,
+            vertex,
+        ))
     }
+}
 
-    /// Copies the vertex last referred to, whose offsets count from its own cluster's smallest values.
-    fn copy(&mut self, vertex: usize, staged: &[u8]) {
-        let number = self.read.last as usize;
-        let before = &self.spans[..self.cluster];
-        let source = before.partition_point(|span| span.first_vertex as usize <= number) - 1;
-        let least = least(&self.headers[source]);
-        let mut plane = 4 * self.layout.vertex_planes + number;
-        for (field, &field_bytes) in self.layout.field_bytes.iter().enumerate() {
-            let mut offset = 0;
-            for byte in 0..field_bytes {
-                offset |= (staged[plane] as u32) << (8 * byte);
-                plane += 4 * self.layout.vertex_plane_words;
-            }
-            let moved = least[field].wrapping_sub(self.least[field]);
-            let offset = offset.wrapping_add(moved);
-            self.spare |= offset >> self.bits[field];
-            self.values.fields[field][vertex] = offset & ((1 << self.bits[field]) - 1);
-        }
-    }
-
-    /// Writes the planes; gives the largest offsets of x, y and z.
-    fn stage(&self, staged: &mut [u8]) -> [u32; 3] {
-        for (field, &field_bytes) in self.layout.field_bytes.iter().enumerate() {
-            let own = &self.values.fields[field][..self.vertices];
-            for byte in 0..field_bytes {
-                let plane = self.layout.field_plane(field) + byte * self.layout.vertex_plane_words;
-                let slots = &mut staged[4 * plane + self.first_vertex..][..self.vertices];
-                for (slot, value) in slots.iter_mut().zip(own) {
-                    *slot = (value >> (8 * byte)) as u8;
-                }
-            }
-        }
-        [0, 1, 2].map(|axis| {
-            let own = &self.values.fields[axis][..self.vertices];
-            own.iter().copied().max().unwrap_or(0)
-        })
+/// The vertex number that a byte stands for.
+#[inline]
+fn step_from(byte: u8, last: Option<u8>) -> u8 {
+    match last {
+        Some(last) => last.wrapping_add(unfolded(byte as u32) as u8),
+        None => byte,
     }
 }

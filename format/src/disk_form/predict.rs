@@ -1,96 +1,82 @@
 //! Predict: what a vertex is expected to be from those before it; only the difference is stored.
 //!
 //! Positions and texture coordinates go on beyond an edge as the triangle on this side does (the parallelogram of Touma and Gotsman,
-//! "Triangle mesh compression", 1998); colours are the mean of the edge's ends. After a beginning a vertex is
+//! "Triangle mesh compression", 1998); colours are the mean of the edge's ends. At a beginning a vertex is
 //! expected to be the one before it. All in steps above the cluster's smallest, modulo the field's bits. Normals are expected to be
-//! those of the cluster's surface, when all of it is known.
+//! those of the cluster's surface, when all of it is known. Integers of 32 bits do: a GPU has no others.
 
-use super::FIELDS;
-use super::topology::Edge;
+use super::field;
 use crate::octahedral::NORMAL_BITS;
 
-/// The first field of normals.
-pub(super) const NORMAL: usize = 3;
+/// Bits of a position that a triangle's normal is worked out with: more would overflow.
+pub const SURFACE_BITS: u32 = 14;
 
 /// Whether a field is one of the two of a normal.
-pub(super) fn is_normal(field: usize) -> bool {
-    (NORMAL..NORMAL + 2).contains(&field)
+pub(super) fn is_normal(number: usize) -> bool {
+    (field::NORMAL..field::UV).contains(&number)
 }
 
-/// Values of the fields of a cluster's vertices, as far as they are known.
-#[derive(Debug)]
-pub(super) struct Values {
-    pub fields: [[u32; 256]; FIELDS],
-    pub count: usize,
-}
-
-impl Values {
-    pub fn new() -> Self {
-        Self {
-            fields: [[0; 256]; FIELDS],
-            count: 0,
-        }
-    }
-
-    /// What a field of the next vertex is expected to be, beyond an edge or after the vertex before it; bits above the field's
-    /// are noise.
-    #[inline]
-    pub fn predict(&self, field: usize, beyond: Option<Edge>) -> u32 {
-        let known = &self.fields[field];
-        match beyond.map(|edge| edge.map(|vertex| known[vertex as usize])) {
-            Some([a, b, opposite]) => match field {
-                0..=2 | 5 | 6 => a.wrapping_add(b).wrapping_sub(opposite),
-                _ => (a + b) / 2,
-            },
-            None => match self.count {
-                0 => 0,
-                count => known[(count - 1) % 256],
-            },
-        }
+/// What a field is expected to be beyond an edge with the values `a`, `b` and `opposite`; bits above the field's are noise.
+#[inline]
+pub(super) fn beyond_edge(number: usize, [a, b, opposite]: [u32; 3]) -> u32 {
+    match number < field::COLOR {
+        true => a.wrapping_add(b).wrapping_sub(opposite),
+        false => (a + b) / 2,
     }
 }
 
-impl Values {
-    /// What the normal of every vertex is expected to be: the direction of the sum of its triangles' normals, each as long as
-    /// twice the triangle's area. Sums are exact; the rest is binary64 without fused operations, the same everywhere.
-    pub fn expected_normals(&self, triangles: &[[u8; 3]]) -> Vec<[u32; 2]> {
-        let mut sums = [[0i64; 3]; 256];
-        for &triangle in triangles {
-            let at = |corner: usize, axis: usize| {
-                self.fields[axis][triangle[corner] as usize] as i64
-                    - self.fields[axis][triangle[0] as usize] as i64
-            };
-            let [p, q] = [1, 2].map(|corner| [0, 1, 2].map(|axis| at(corner, axis)));
-            // Offsets have 24 bits and a cluster 128 triangles: 58 bits.
-            let across = [
-                p[1] * q[2] - p[2] * q[1],
-                p[2] * q[0] - p[0] * q[2],
-                p[0] * q[1] - p[1] * q[0],
-            ];
-            for vertex in triangle {
-                (0..3).for_each(|axis| sums[vertex as usize][axis] += across[axis]);
-            }
-        }
-        sums[..self.count.min(256)]
-            .iter()
-            .map(|&sum| on_octahedron(sum))
-            .collect()
+/// How far positions are shifted down before normals are worked out; `bits` are those of x, y and z.
+pub(super) fn surface_shift(bits: [u32; 3]) -> u32 {
+    let widest = bits.into_iter().max().unwrap_or(0);
+    widest.saturating_sub(SURFACE_BITS)
+}
+
+/// Adds to the sum at each corner of a triangle its normal, as long as twice its area. Modulo 2^32: what overflows (a cluster
+/// that fills its box many times over) is expected badly, and read as it was written.
+#[inline]
+pub(super) fn add_normal(
+    sums: &mut [[i32; 3]; 256],
+    triangle: [u8; 3],
+    positions: impl Fn(u8) -> [u32; 3],
+    shift: u32,
+) {
+    let [a, b, c] = triangle.map(|vertex| positions(vertex).map(|value| (value >> shift) as i32));
+    let p: [i32; 3] = std::array::from_fn(|axis| b[axis] - a[axis]);
+    let q: [i32; 3] = std::array::from_fn(|axis| c[axis] - a[axis]);
+    let across = |i: usize, j: usize| {
+        let (one, other) = (p[i].wrapping_mul(q[j]), p[j].wrapping_mul(q[i]));
+        one.wrapping_sub(other)
+    };
+    let normal = [across(1, 2), across(2, 0), across(0, 1)];
+    for vertex in triangle {
+        let sum = &mut sums[vertex as usize];
+        (0..3).for_each(|axis| sum[axis] = sum[axis].wrapping_add(normal[axis]));
     }
 }
 
 /// The octahedral pair nearest to a direction, coordinate by coordinate; the middle for none.
-fn on_octahedron(direction: [i64; 3]) -> [u32; 2] {
-    let [x, y, z] = direction.map(|value| value as f64);
-    let size = x.abs() + y.abs() + z.abs();
-    let (mut u, mut v) = match size > 0.0 {
-        true => (x / size, y / size),
-        false => (0.0, 0.0),
-    };
-    if z < 0.0 {
-        (u, v) = ((1.0 - v.abs()).copysign(u), (1.0 - u.abs()).copysign(v));
+#[inline]
+pub(super) fn on_octahedron(direction: [i32; 3]) -> [u32; 2] {
+    let mut sizes = direction.map(i32::unsigned_abs);
+    let largest = sizes[0].max(sizes[1]).max(sizes[2]);
+    // 19 bits each: the products below fit a word.
+    let shift = (32 - largest.leading_zeros()).saturating_sub(19);
+    sizes = sizes.map(|size| size >> shift);
+    let sum: u32 = sizes.iter().sum();
+    if sum == 0 {
+        return [1 << (NORMAL_BITS - 1); 2];
     }
-    let largest = ((1 << NORMAL_BITS) - 1) as f64;
-    [u, v].map(|value| ((value * 0.5 + 0.5) * largest + 0.5) as u32)
+    let pair = match direction[2] < 0 {
+        true => [sum - sizes[1], sum - sizes[0]],
+        false => [sizes[0], sizes[1]],
+    };
+    std::array::from_fn(|axis| {
+        let numerator = match direction[axis] < 0 {
+            true => sum - pair[axis],
+            false => sum + pair[axis],
+        };
+        (numerator * ((1 << NORMAL_BITS) - 1) + sum) / (2 * sum)
+    })
 }
 
 /// Difference modulo `bits` (1 to 24), small ones of either sign first: 0, -1, 1, -2, …
@@ -100,11 +86,10 @@ pub(super) fn difference(value: u32, predicted: u32, bits: u32) -> u32 {
     ((signed << 1) ^ (signed >> 31)) as u32
 }
 
-/// The value that has a difference.
+/// The signed number that a difference stands for, modulo 2^32.
 #[inline]
-pub(super) fn value(difference: u32, predicted: u32, bits: u32) -> u32 {
-    let signed = (difference >> 1) ^ (difference & 1).wrapping_neg();
-    predicted.wrapping_add(signed) & ((1 << bits) - 1)
+pub(super) fn signed(difference: u32) -> u32 {
+    (difference >> 1) ^ (difference & 1).wrapping_neg()
 }
 
 #[cfg(test)]
@@ -118,27 +103,25 @@ mod tests {
             let mask = (1 << bits) - 1;
             let stored = difference(value & mask, predicted, bits);
             prop_assert!(stored <= mask);
-            prop_assert_eq!(super::value(stored, predicted, bits), value & mask);
+            prop_assert_eq!(predicted.wrapping_add(signed(stored)) & mask, value & mask);
+        }
+
+        #[test]
+        fn a_direction_is_expected_where_it_is_encoded(direction: [i32; 3]) {
+            let exact = crate::octahedral::encode(direction.map(|value| value as f32));
+            let expected = on_octahedron(direction);
+            for axis in 0..2 {
+                let apart = expected[axis] as i32 - exact[axis] as i32;
+                // Where z is zero the two folds meet.
+                prop_assert!(apart.abs() <= 2, "{direction:?} {exact:?} {expected:?}");
+            }
         }
     }
 
     #[test]
-    fn a_direction_is_expected_where_it_is_encoded() {
-        for direction in [
-            [3, 4, 5],
-            [-7, 2, -1],
-            [0, 0, -9],
-            [1 << 57, -(1 << 56), 3],
-            [0, -5, 0],
-        ] {
-            let exact = crate::octahedral::encode(direction.map(|value| value as f32));
-            let expected = on_octahedron(direction);
-            let apart = |axis: usize| (expected[axis] as i32 - exact[axis] as i32).abs();
-            assert!(
-                apart(0) <= 1 && apart(1) <= 1,
-                "{direction:?} {exact:?} {expected:?}"
-            );
-        }
+    fn no_direction_is_the_middle() {
+        assert_eq!(on_octahedron([0; 3]), [512; 2]);
+        assert_eq!(on_octahedron([0, 0, i32::MIN]), [1023; 2]);
     }
 
     #[test]

@@ -1,6 +1,8 @@
-//! Where the sections of the stored bytes lie, and the columns of the cluster headers in them.
+//! Where the sections of the stored bytes lie, and the columns and planes in them.
 
-use super::{FIELDS, HEADER_WORDS};
+use super::{FIELDS, HEADER_WORDS, Layout, header_word};
+use crate::error::{FormatError, ensure};
+use crate::limits::{MAX_DISK_FORM_BYTES, PAGE_WORDS};
 use crate::memory_form::{CLUSTER_HEADER_WORDS, ClusterHeader, cluster_word};
 
 /// Words of a cluster header that are stored: what the others are follows from these and from the vertices.
@@ -18,77 +20,184 @@ const STORED_WORDS: [usize; 12] = [
     cluster_word::CHILD_GROUP,
     cluster_word::GROUP,
 ];
-/// Columns: the stored words of every cluster's header, and its number of extra bytes.
+/// Columns of clusters: the stored words of their headers, and the number of their group's parents.
 const COLUMNS: usize = STORED_WORDS.len() + 1;
+/// Bytes of a parent: page (4) and cluster (2).
+const PARENT_PLANES: usize = 6;
+
+/// How much of everything a page has, as its header says.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Counts {
+    pub clusters: usize,
+    pub vertices: usize,
+    pub triangles: usize,
+    pub table_words: usize,
+    pub extra_bytes: usize,
+    pub step_bytes: usize,
+    pub repeated: usize,
+    pub inherited: usize,
+    pub parents: usize,
+}
+
+impl Counts {
+    /// Vertices that are neither repeated nor inherited.
+    pub fn own(&self) -> usize {
+        self.vertices - self.repeated - self.inherited
+    }
+
+    /// Reads and checks them.
+    pub fn read(header: &[u32]) -> Result<Self, FormatError> {
+        let size = |word: usize, at: &str, range: std::ops::RangeInclusive<usize>| {
+            let value = header[word] as usize;
+            ensure(range.contains(&value), at, format_args!("{range:?}"), value).map(|()| value)
+        };
+        let most = MAX_DISK_FORM_BYTES;
+        let clusters = 1..=crate::limits::MAX_PAGE_CLUSTERS;
+        let clusters = size(header_word::CLUSTER_COUNT, "disk form clusters", clusters)?;
+        let vertices = size(header_word::VERTEX_COUNT, "disk form vertices", 1..=most)?;
+        let triangles = size(header_word::TRIANGLE_COUNT, "disk form triangles", 1..=most)?;
+        let repeated = 0..=vertices;
+        let repeated = size(
+            header_word::REPEATED,
+            "disk form repeated vertices",
+            repeated,
+        )?;
+        let inherited = 0..=vertices - repeated;
+        Ok(Self {
+            clusters,
+            vertices,
+            triangles,
+            table_words: size(
+                header_word::TABLE_WORDS,
+                "disk form table words",
+                0..=PAGE_WORDS,
+            )?,
+            extra_bytes: size(
+                header_word::EXTRA_BYTES,
+                "disk form extra bytes",
+                0..=4 * triangles,
+            )?,
+            step_bytes: size(
+                header_word::STEP_BYTES,
+                "disk form step bytes",
+                0..=2 * triangles,
+            )?,
+            repeated,
+            inherited: size(
+                header_word::INHERITED,
+                "disk form inherited vertices",
+                inherited,
+            )?,
+            parents: size(header_word::PARENTS, "disk form parents", 0..=most)?,
+        })
+    }
+}
 
 /// First byte of every section, and the bytes of the whole; a pure function of the header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Stored {
-    clusters: usize,
-    columns: usize,
-    pub control: usize,
-    pub extra: usize,
-    pub extra_bytes: usize,
-    pub references: usize,
-    /// Vertices that are references, and those that are not.
-    pub shared: usize,
-    pub own: usize,
-    pub vertex_planes: usize,
-    pub vertex_plane_bytes: usize,
-    pub tables: usize,
+    counts: Counts,
+    parents: usize,
+    steps: usize,
+    extra: usize,
+    kinds: usize,
+    repeated: usize,
+    inherited: usize,
+    vertex_planes: usize,
+    tables: usize,
     pub bytes: usize,
 }
 
-/// Planes end at a word.
+/// Sections and planes end at a word.
 fn padded(bytes: usize) -> usize {
     bytes.next_multiple_of(4)
 }
 
+/// Bytes of the digits that say where vertices come from.
+fn kind_bytes(vertices: usize) -> usize {
+    vertices.div_ceil(5)
+}
+
+/// Small numbers of either sign first: 0, -1, 1, -2, …
+fn folded(signed: i32) -> u32 {
+    ((signed << 1) ^ (signed >> 31)) as u32
+}
+
+/// What was folded.
+pub(super) fn unfolded(stored: u32) -> u32 {
+    (stored >> 1) ^ (stored & 1).wrapping_neg()
+}
+
 impl Stored {
-    pub fn new(
-        clusters: usize,
-        [shared, own]: [usize; 2],
-        triangles: usize,
-        extra_bytes: usize,
-        field_bytes: &[usize; FIELDS],
-        table_words: usize,
-    ) -> Self {
-        let columns = 4 * HEADER_WORDS;
-        let control = columns + 4 * COLUMNS * padded(clusters);
-        let extra = control + padded(triangles);
-        let references = extra + padded(extra_bytes);
-        let vertex_planes = references + 2 * padded(shared);
-        let vertex_plane_bytes = padded(own);
-        let tables = vertex_planes + field_bytes.iter().sum::<usize>() * vertex_plane_bytes;
+    pub fn new(counts: Counts, field_bytes: &[usize; FIELDS]) -> Self {
+        let parents = 4 * HEADER_WORDS + 4 * COLUMNS * padded(counts.clusters);
+        let steps = parents + PARENT_PLANES * padded(counts.parents);
+        let extra = steps + padded(counts.step_bytes);
+        let kinds = extra + padded(counts.extra_bytes);
+        let repeated = kinds + padded(kind_bytes(counts.vertices));
+        let inherited = repeated + 3 * padded(counts.repeated);
+        let vertex_planes = inherited + 2 * padded(counts.inherited);
+        let planes: usize = field_bytes.iter().sum();
+        let tables = vertex_planes + planes * padded(counts.own());
         Self {
-            clusters,
-            columns,
-            control,
+            counts,
+            parents,
+            steps,
             extra,
-            extra_bytes,
-            references,
-            shared,
-            own,
+            kinds,
+            repeated,
+            inherited,
             vertex_planes,
-            vertex_plane_bytes,
             tables,
-            bytes: tables + 4 * table_words,
+            bytes: tables + 4 * counts.table_words,
         }
     }
 
-    /// Headers, without what is not stored, and numbers of extra bytes.
+    pub fn steps<'a>(&self, bytes: &'a [u8]) -> &'a [u8] {
+        &bytes[self.steps..][..self.counts.step_bytes]
+    }
+
+    pub fn extra<'a>(&self, bytes: &'a [u8]) -> &'a [u8] {
+        &bytes[self.extra..][..self.counts.extra_bytes]
+    }
+
+    pub fn kinds<'a>(&self, bytes: &'a [u8]) -> &'a [u8] {
+        &bytes[self.kinds..][..kind_bytes(self.counts.vertices)]
+    }
+
+    /// Planes of repeated vertices: cluster low, cluster high, vertex.
+    pub fn repeated<'a>(&self, bytes: &'a [u8]) -> [&'a [u8]; 3] {
+        let planes = planes(bytes, self.repeated, self.counts.repeated);
+        [0, 1, 2].map(planes)
+    }
+
+    /// Planes of inherited vertices: parent, vertex.
+    pub fn inherited<'a>(&self, bytes: &'a [u8]) -> [&'a [u8]; 2] {
+        let planes = planes(bytes, self.inherited, self.counts.inherited);
+        [0, 1].map(planes)
+    }
+
+    /// Copies the vertex planes and the tables to where the staged form has them.
+    pub fn stage_planes(&self, bytes: &[u8], layout: &Layout, staged: &mut [u8]) {
+        // The same planes as wide, one after the other: one piece.
+        let rest = &bytes[self.vertex_planes..];
+        staged[4 * layout.vertex_planes..].copy_from_slice(rest);
+    }
+
+    /// Headers without what is not stored, and numbers of parents.
     pub fn read_columns(&self, bytes: &[u8]) -> Vec<(ClusterHeader, u32)> {
-        let mut all = vec![(ClusterHeader([0; CLUSTER_HEADER_WORDS]), 0); self.clusters];
+        let clusters = self.counts.clusters;
+        let mut all = vec![(ClusterHeader([0; CLUSTER_HEADER_WORDS]), 0); clusters];
+        let planes = planes(bytes, 4 * HEADER_WORDS, clusters);
         for column in 0..COLUMNS {
+            let planes: [&[u8]; 4] = std::array::from_fn(|byte| planes(4 * column + byte));
             let mut last = 0u32;
-            for (cluster, (header, extras)) in all.iter_mut().enumerate() {
-                let byte = |byte: usize| bytes[self.column_plane(column, byte) + cluster];
-                let stored = u32::from_le_bytes([byte(0), byte(1), byte(2), byte(3)]);
-                let signed = (stored >> 1) ^ (stored & 1).wrapping_neg();
-                last = last.wrapping_add(signed);
+            for (cluster, (header, parents)) in all.iter_mut().enumerate() {
+                let stored = u32::from_le_bytes(planes.map(|plane| plane[cluster]));
+                last = last.wrapping_add(unfolded(stored));
                 match STORED_WORDS.get(column) {
                     Some(&word) => header.0[word] = last,
-                    None => *extras = last,
+                    None => *parents = last,
                 }
             }
         }
@@ -98,38 +207,109 @@ impl Stored {
     /// Writes them.
     pub fn write_columns(&self, headers: &[(ClusterHeader, u32)], bytes: &mut [u8]) {
         for column in 0..COLUMNS {
-            let mut last = 0u32;
-            for (cluster, (header, extras)) in headers.iter().enumerate() {
-                let value = match STORED_WORDS.get(column) {
+            let values = headers
+                .iter()
+                .map(|(header, parents)| match STORED_WORDS.get(column) {
                     Some(&word) => header.0[word],
-                    None => *extras,
-                };
-                let signed = value.wrapping_sub(last) as i32;
-                last = value;
-                let stored = ((signed << 1) ^ (signed >> 31)) as u32;
-                for (byte, value) in stored.to_le_bytes().into_iter().enumerate() {
-                    bytes[self.column_plane(column, byte) + cluster] = value;
-                }
-            }
+                    None => *parents,
+                });
+            let first = 4 * HEADER_WORDS + 4 * column * padded(headers.len());
+            write_differences::<4>(values, bytes, first, headers.len());
         }
     }
 
-    /// The stored number of a reference.
-    pub fn reference(&self, bytes: &[u8], number: usize) -> u16 {
-        let plane = |byte: usize| bytes[self.references + byte * padded(self.shared) + number];
-        u16::from_le_bytes([plane(0), plane(1)])
+    /// Pages and clusters of the parents.
+    pub fn read_parents(&self, bytes: &[u8]) -> Vec<[u32; 2]> {
+        let planes = planes(bytes, self.parents, self.counts.parents);
+        let planes: [&[u8]; PARENT_PLANES] = std::array::from_fn(planes);
+        let (mut page, mut cluster) = (0u32, 0u32);
+        let read = |parent: usize| {
+            let [a, b, c, d, e, f] = planes.map(|plane| plane[parent]);
+            page = page.wrapping_add(unfolded(u32::from_le_bytes([a, b, c, d])));
+            cluster = cluster.wrapping_add(unfolded(u32::from_le_bytes([e, f, 0, 0])));
+            [page, cluster & 0xffff]
+        };
+        (0..self.counts.parents).map(read).collect()
     }
 
     /// Writes them.
-    pub fn write_references(&self, references: &[u16], bytes: &mut [u8]) {
-        for (number, reference) in references.iter().enumerate() {
-            for (byte, value) in reference.to_le_bytes().into_iter().enumerate() {
-                bytes[self.references + byte * padded(self.shared) + number] = value;
-            }
-        }
+    pub fn write_parents(&self, parents: &[[u32; 2]], bytes: &mut [u8]) {
+        let count = parents.len();
+        let pages = parents.iter().map(|parent| parent[0]);
+        write_differences::<4>(pages, bytes, self.parents, count);
+        let clusters = parents.iter().map(|parent| parent[1]);
+        let first = self.parents + 4 * padded(count);
+        write_differences::<2>(clusters, bytes, first, count);
     }
 
-    fn column_plane(&self, column: usize, byte: usize) -> usize {
-        self.columns + (4 * column + byte) * padded(self.clusters)
+    /// Writes the other sections.
+    pub fn write(&self, bytes: &mut [u8], sections: Sections<'_>) {
+        let mut put = |first: usize, section: &[u8]| {
+            bytes[first..first + section.len()].copy_from_slice(section);
+        };
+        put(self.steps, sections.steps);
+        put(self.extra, sections.extra);
+        put(self.kinds, sections.kinds);
+        for (plane, section) in sections.repeated.iter().enumerate() {
+            put(
+                self.repeated + plane * padded(self.counts.repeated),
+                section,
+            );
+        }
+        for (plane, section) in sections.inherited.iter().enumerate() {
+            put(
+                self.inherited + plane * padded(self.counts.inherited),
+                section,
+            );
+        }
+        let mut plane = self.vertex_planes;
+        for (differences, &field_bytes) in sections.differences.iter().zip(sections.field_bytes) {
+            for byte in 0..field_bytes {
+                for (slot, value) in bytes[plane..].iter_mut().zip(differences) {
+                    *slot = (value >> (8 * byte)) as u8;
+                }
+                plane += padded(self.counts.own());
+            }
+        }
+        for (word, table) in sections.tables.iter().enumerate() {
+            bytes[self.tables + 4 * word..][..4].copy_from_slice(&table.to_le_bytes());
+        }
+    }
+}
+
+/// What [`Stored::write`] puts in place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sections<'a> {
+    pub steps: &'a [u8],
+    pub extra: &'a [u8],
+    pub kinds: &'a [u8],
+    pub repeated: &'a [Vec<u8>; 3],
+    pub inherited: &'a [Vec<u8>; 2],
+    pub differences: &'a [Vec<u32>; FIELDS],
+    pub field_bytes: &'a [usize; FIELDS],
+    pub tables: &'a [u32],
+}
+
+/// Planes of `count` bytes from byte `first` on.
+fn planes<'a>(bytes: &'a [u8], first: usize, count: usize) -> impl Fn(usize) -> &'a [u8] {
+    move |plane| &bytes[first + plane * padded(count)..][..count]
+}
+
+/// Writes how far each value is from the one before, in planes of bytes.
+fn write_differences<const BYTES: usize>(
+    values: impl Iterator<Item = u32>,
+    bytes: &mut [u8],
+    first: usize,
+    count: usize,
+) {
+    let mut last = 0u32;
+    for (index, value) in values.enumerate() {
+        // Differences modulo the planes' bits.
+        let spare = 32 - 8 * BYTES as u32;
+        let signed = (value.wrapping_sub(last) << spare) as i32 >> spare;
+        last = value;
+        for (byte, value) in folded(signed).to_le_bytes()[..BYTES].iter().enumerate() {
+            bytes[first + byte * padded(count) + index] = *value;
+        }
     }
 }

@@ -6,8 +6,8 @@
 use std::collections::HashMap;
 
 use lodestream_format::cluster::NO_GROUP;
-use lodestream_format::disk_form::DiskForm;
-use lodestream_format::{Asset, FormatError, Hierarchy};
+use lodestream_format::page_reader::PageReader;
+use lodestream_format::{Asset, FormatError, Hierarchy, cluster_view};
 use lodestream_server::build::{BuiltAsset, decode_pages};
 use lodestream_server::import::Mesh;
 
@@ -75,17 +75,18 @@ impl ClusterDag {
         let step = asset.position_grid.step();
         let mut dag = Self::default();
         let mut places = Places::default();
-        for page in &decode_pages(built)? {
-            hierarchy.check_page(page)?;
-            dag.add_page(page, step, &mut places);
+        let mut reader = PageReader::new(&asset);
+        for form in &decode_pages(built)? {
+            hierarchy.check_page(form)?;
+            dag.add_page(reader.read(form)?, step, &mut places);
         }
         dag.finish(&hierarchy);
         Ok(dag)
     }
 
-    /// Takes up the clusters of a page; `step` is the position step, metres.
-    pub(super) fn add_page(&mut self, page: &DiskForm, step: f64, known: &mut Places) {
-        for cluster in page.clusters() {
+    /// Takes up the clusters of a page in memory form; `step` is the position step, metres.
+    pub(super) fn add_page(&mut self, page: &[u32], step: f64, known: &mut Places) {
+        for cluster in cluster_view::clusters(page) {
             let places: Vec<u32> = cluster
                 .positions
                 .iter()

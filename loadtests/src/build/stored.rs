@@ -1,7 +1,9 @@
 //! A scene that a library holds, measured against its own source clusters: promises, levels, open edges. For assets that
 //! are too large to build twice in one process.
 
-use lodestream_format::{Asset, FormatError, Hierarchy, disk_form::DiskForm, frame};
+use lodestream_format::disk_form::DiskForm;
+use lodestream_format::page_reader::PageReader;
+use lodestream_format::{Asset, FormatError, Hierarchy, frame};
 use lodestream_server::library::{Library, LibraryError};
 use serde::Serialize;
 
@@ -97,13 +99,15 @@ pub async fn measure(
         let hierarchy = library.hierarchy(&asset).await?;
         let mut dag = ClusterDag::default();
         let mut places = Default::default();
+        let mut reader = PageReader::new(&asset);
         for entry in &asset.pages {
             let range = entry.offset..entry.offset + u64::from(entry.bytes);
             let bytes = library.object_range(&asset.pack, range).await?;
             let form = frame::decode(&bytes).and_then(DiskForm::parse);
             let form = form.map_err(wrong)?;
             hierarchy.check_page(&form).map_err(wrong)?;
-            dag.add_page(&form, asset.position_grid.step(), &mut places);
+            let words = reader.read(&form).map_err(wrong)?;
+            dag.add_page(words, asset.position_grid.step(), &mut places);
         }
         drop(places);
         dag.finish(&hierarchy);

@@ -51,6 +51,10 @@ impl PageForm for SimulatedPage {
     fn page(&self) -> u32 {
         self.0
     }
+
+    fn parents(&self) -> &[[u32; 2]] {
+        &[]
+    }
 }
 
 /// The pages of a trace as residency wants them.

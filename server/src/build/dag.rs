@@ -214,19 +214,6 @@ impl Dag {
         })
     }
 
-    /// Number of clusters in each run of the store.
-    pub fn clusters_of_blobs(&self) -> Vec<u32> {
-        let blobs = self
-            .clusters
-            .last()
-            .map_or(0, |last| last.blob as usize + 1);
-        let mut counts = vec![0; blobs];
-        for info in &self.clusters {
-            counts[info.blob as usize] += 1;
-        }
-        counts
-    }
-
     /// Words of some clusters, as [`ClusterView`] reads them.
     pub fn parts(&self, clusters: &[u32]) -> Result<Vec<Vec<u32>>, BuildError> {
         let part = |&cluster: &u32| {

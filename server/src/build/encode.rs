@@ -1,10 +1,12 @@
 //! Pages to bytes: disk form, frame, pack, and the asset that names them.
 
+use std::ops::Range;
 use std::path::Path;
 
 use lodestream_format::asset::PageEntry;
+use lodestream_format::disk_form::Parent;
 use lodestream_format::frame::{self, Codec};
-use lodestream_format::{Aabb, Asset, ContentHash, Hierarchy, disk_form};
+use lodestream_format::{Aabb, Asset, Cluster, ContentHash, Hierarchy, disk_form};
 use rayon::prelude::*;
 
 use super::cluster::ClusterView;
@@ -12,6 +14,7 @@ use super::dag::Dag;
 use super::error::BuildError;
 use super::pack::{Pack, PackWriter};
 use super::paginate::{Pages, to_format};
+use super::parents::Parents;
 use super::vertex::Grids;
 
 /// Pages encoded at a time: what is in memory does not grow with the mesh.
@@ -50,13 +53,14 @@ pub(super) fn encode(
     let mut pack = PackWriter::new(scratch)?;
     let mut entries = Vec::with_capacity(pages.pages.len());
     let mut disk_form_bytes = 0;
-    let mut waiting = dag.clusters_of_blobs();
+    let parents = Parents::new(dag, pages);
+    let mut waiting = parents.uses_of_blobs(dag, pages);
     let numbered: Vec<usize> = (0..pages.pages.len()).collect();
     for window in numbered.chunks(WINDOW) {
         let frames: Vec<(Vec<u8>, u32, usize)> = window
             .par_iter()
             .map(|&page| {
-                let words = page_words(grids, &*dag, pages, page)?;
+                let words = page_words(grids, &*dag, pages, &parents, page)?;
                 let memory_words = words[disk_form::header_word::MEMORY_WORDS];
                 Ok((frame::encode(&words, codec)?, memory_words, 4 * words.len()))
             })
@@ -71,7 +75,7 @@ pub(super) fn encode(
             });
             pack.append(frame)?;
             disk_form_bytes += bytes as u64;
-            for &cluster in &pages.clusters[pages.pages[page].clone()] {
+            for cluster in parents.uses(pages, page) {
                 let blob = dag.clusters[cluster as usize].blob;
                 let left = &mut waiting[blob as usize];
                 *left -= 1;
@@ -116,16 +120,48 @@ fn page_words(
     grids: &Grids,
     dag: &Dag,
     pages: &Pages,
+    parents: &Parents,
     page: usize,
 ) -> Result<Vec<u32>, BuildError> {
-    let range = pages.pages[page].clone();
-    let numbers = &pages.clusters[range.clone()];
+    let places = pages.pages[page].clone();
+    let clusters = clusters(grids, dag, pages, places)?;
+    let mut used: Vec<(u32, u32)> = Vec::new();
+    let mut coarser = Vec::new();
+    for place in parents.of_page(pages, page) {
+        let holder = pages.page_of(place);
+        used.push((holder as u32, (place - pages.pages[holder].start) as u32));
+        let parent = self::clusters(grids, dag, pages, place..place + 1)?;
+        coarser.extend(parent.iter().map(disk_form::canonical));
+    }
+    let parents = used.iter().zip(&coarser);
+    let parents: Vec<Parent<'_>> = parents
+        .map(|(&(page, index), cluster)| Parent {
+            page,
+            index,
+            cluster,
+        })
+        .collect();
+    let page = page as u32;
+    Ok(disk_form::encode(
+        &clusters,
+        grids.attributes,
+        page,
+        &parents,
+    )?)
+}
+
+/// The clusters at some places of [`Pages::clusters`].
+fn clusters(
+    grids: &Grids,
+    dag: &Dag,
+    pages: &Pages,
+    places: Range<usize>,
+) -> Result<Vec<Cluster>, BuildError> {
+    let numbers = &pages.clusters[places.clone()];
     let parts = dag.parts(numbers)?;
-    let mut group = pages
-        .groups
-        .partition_point(|placed| placed.clusters.end <= range.start);
+    let mut group = pages.group_of(places.start);
     let mut clusters = Vec::with_capacity(numbers.len());
-    for ((&number, part), at) in numbers.iter().zip(&parts).zip(range) {
+    for ((&number, part), at) in numbers.iter().zip(&parts).zip(places) {
         while pages.groups[group].clusters.end <= at {
             group += 1;
         }
@@ -139,5 +175,5 @@ fn page_words(
         };
         clusters.push(cluster);
     }
-    Ok(disk_form::encode(&clusters, grids.attributes, page as u32)?)
+    Ok(clusters)
 }

@@ -26,6 +26,7 @@ mod meshopt_seam;
 mod pack;
 mod packed;
 mod paginate;
+mod parents;
 mod partition;
 mod report;
 mod scatter;
@@ -42,7 +43,8 @@ use std::time::Instant;
 
 use lodestream_format::disk_form::DiskForm;
 use lodestream_format::frame::{self, Codec};
-use lodestream_format::{Asset, FormatError};
+use lodestream_format::page_reader::PageReader;
+use lodestream_format::{Asset, Cluster, FormatError, cluster_view};
 
 use crate::import::MeshSource;
 use dag::{Dag, Plan};
@@ -209,6 +211,18 @@ fn grids(
         }),
         uv_base: survey.uv_low.map(|low| uv.quantize(low.min(f64::MAX))),
     })
+}
+
+/// Reads every page back as clusters, with all checks of the reader; for tests and tools.
+///
+/// # Errors
+/// Those of [`decode_pages`], and what restoring from parents says.
+pub fn unpack_pages(built: &BuiltAsset) -> Result<Vec<Vec<Cluster>>, FormatError> {
+    let mut reader = PageReader::new(&built.asset);
+    decode_pages(built)?
+        .iter()
+        .map(|form| Ok(cluster_view::clusters(reader.read(form)?).collect()))
+        .collect()
 }
 
 /// Reads every page back, with all checks of the reader; for tests and tools.

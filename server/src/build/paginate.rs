@@ -51,6 +51,19 @@ pub(super) struct Pages {
     pub number: Vec<u32>,
 }
 
+impl Pages {
+    /// The page of a place in `clusters`.
+    pub fn page_of(&self, place: usize) -> usize {
+        self.pages.partition_point(|range| range.end <= place)
+    }
+
+    /// The placed group of a place in `clusters`.
+    pub fn group_of(&self, place: usize) -> usize {
+        self.groups
+            .partition_point(|group| group.clusters.end <= place)
+    }
+}
+
 /// Clusters converted at a time.
 const WINDOW: usize = 4096;
 
@@ -185,7 +198,8 @@ impl Filling {
             + when(Attributes::COLOR, 4);
         let disk_words = disk_form::HEADER_WORDS
             + disk_form::COLUMNS * self.clusters
-            + 4 * self.triangles.div_ceil(4)
+            + 5 * self.triangles.div_ceil(4)
+            + self.vertices
             + vertex_planes * self.vertices.div_ceil(4)
             + self.table_words;
         self.clusters <= MAX_PAGE_CLUSTERS

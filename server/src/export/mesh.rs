@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use lodestream_format::cluster::{Attributes, NO_GROUP};
 use lodestream_format::grid::Grid;
-use lodestream_format::{Cluster, octahedral};
+use lodestream_format::page_reader::PageReader;
+use lodestream_format::{Cluster, cluster_view, octahedral};
 use tokio::runtime::Handle;
 
 use super::cut::SceneAssetCut;
@@ -48,8 +49,13 @@ pub(super) fn weld(
         slots: vec![vec![]; asset.material_slots as usize],
     };
     let mut known = HashMap::new();
+    let mut reader = PageReader::new(asset);
     for page in cut.pages(error_metres) {
-        for cluster in cut.page(runtime, library, page)?.clusters() {
+        let form = cut.page(runtime, library, page)?;
+        let words = reader
+            .read(&form)
+            .map_err(|error| library.damaged(format!("asset {} page {page}", cut.hash), error))?;
+        for cluster in cluster_view::clusters(words) {
             let child = cluster.child_group;
             let drawn = cut.refines(cluster.group, error_metres)
                 && (child == NO_GROUP || !cut.refines(child, error_metres));

@@ -6,6 +6,7 @@ use bytes::Bytes;
 use lodestream_format::cluster::NO_GROUP;
 use lodestream_format::disk_form::DiskForm;
 use lodestream_format::hash::ContentHasher;
+use lodestream_format::page_reader::PageReader;
 use lodestream_format::{Asset, ContentHash, FormatError, Hierarchy, frame, library};
 use rayon::prelude::*;
 
@@ -68,6 +69,7 @@ impl Verifier<'_> {
     ) -> Option<Totals> {
         let (mut hasher, mut totals) = (ContentHasher::default(), Totals::default());
         let (mut whole, mut first) = (true, 0);
+        let mut reader = PageReader::new(asset);
         while first < asset.pages.len() {
             let last = last_of_read(asset, first);
             let range = asset.pages[first].offset
@@ -76,8 +78,8 @@ impl Verifier<'_> {
             match self.runtime.block_on(read) {
                 Ok(bytes) => {
                     hasher.update(&bytes);
-                    whole &=
-                        self.pages(hash, asset, hierarchy, first..last + 1, &bytes, &mut totals);
+                    let read = (&mut totals, &mut reader);
+                    whole &= self.pages(hash, asset, hierarchy, first..last + 1, &bytes, read);
                 }
                 Err(error) => {
                     // Nothing after a missing or short piece can be read either.
@@ -119,7 +121,7 @@ impl Verifier<'_> {
         hierarchy: Option<&Hierarchy>,
         pages: std::ops::Range<usize>,
         bytes: &Bytes,
-        totals: &mut Totals,
+        (totals, reader): (&mut Totals, &mut PageReader),
     ) -> bool {
         let start = asset.pages[pages.start].offset;
         let parsed: Vec<_> = pages
@@ -135,6 +137,11 @@ impl Verifier<'_> {
         for (page, parsed) in parsed {
             match parsed {
                 Ok(form) => {
+                    if let Err(error) = reader.read(&form) {
+                        whole = false;
+                        let place = format!("asset {hash} page {page}");
+                        self.wrong(place, error);
+                    }
                     self.report.pages += 1;
                     self.report.clusters += form.headers().len() as u64;
                     totals.add(&form);
@@ -212,8 +219,18 @@ fn check_page(
         format!("{:?}", attributes.0),
         format!("{:?}", attributes.1),
     )?;
-    for cluster in form.clusters() {
-        let largest = cluster.materials.iter().map(|range| range.slot).max();
+    let astray = form
+        .parent_pages()
+        .into_iter()
+        .find(|parent| !entry.dependencies.contains(parent));
+    expect(
+        astray.is_none(),
+        "pages of parents",
+        format!("{:?}", entry.dependencies),
+        format!("{astray:?}"),
+    )?;
+    for cluster in 0..form.headers().len() {
+        let largest = form.materials(cluster).iter().map(|range| range.slot).max();
         expect(
             largest.is_none_or(|slot| (slot as u32) < asset.material_slots),
             "material slot",

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 
 use lodestream_format::cluster::NO_GROUP;
 use lodestream_format::{Asset, Cluster, Hierarchy};
-use lodestream_server::build::{BuiltAsset, Point, TriangleTree, decode_pages};
+use lodestream_server::build::{BuiltAsset, Point, TriangleTree, decode_pages, unpack_pages};
 
 use super::Random;
 
@@ -37,15 +37,14 @@ impl ReadAsset {
         assert_eq!(asset, built.asset);
         let pages = asset.pages.len() as u32;
         let hierarchy = Hierarchy::decode(&built.hierarchy_bytes, pages).expect("hierarchy");
-        let mut clusters = Vec::new();
         for (page, form) in decode_pages(built).expect("pages").iter().enumerate() {
             assert_eq!(form.page() as usize, page);
             assert_eq!(form.memory_words(), asset.pages[page].memory_words as usize);
             hierarchy
                 .check_page(form)
                 .expect("page agrees with the hierarchy");
-            clusters.extend(form.clusters());
         }
+        let clusters = unpack_pages(built).expect("pages").concat();
         assert_eq!(clusters.len() as u64, asset.clusters);
         let mut number = HashMap::new();
         let mut places = Vec::new();

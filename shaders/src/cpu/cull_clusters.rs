@@ -1,7 +1,8 @@
 //! Twin of `wgsl/cull_clusters.wgsl`.
 
 use lodestream_format::cluster::NO_GROUP;
-use lodestream_format::memory_form::{ClusterHeader, ClusterView};
+use lodestream_format::cluster_view::ClusterView;
+use lodestream_format::memory_form::ClusterHeader;
 
 use super::append;
 use super::error_metric::refine;

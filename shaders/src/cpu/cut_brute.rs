@@ -1,8 +1,8 @@
 //! The cut by definition: every cluster of every installed group, every group's request, without the hierarchy's nodes.
 
 use lodestream_format::Aabb;
+use lodestream_format::cluster_view::ClusterView;
 use lodestream_format::hierarchy::Group;
-use lodestream_format::memory_form::ClusterView;
 
 use super::cull_clusters::{cluster_in_frustum, in_cut};
 use super::error_metric::{error_wanted, group_installed, group_projected_px, priority_bits};

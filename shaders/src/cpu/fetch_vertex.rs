@@ -1,7 +1,7 @@
 //! Visible items to triangles in clip space. Twin of `wgsl/shared/fetch_vertex.wgsl`.
 
 use glam::{Vec3, Vec4};
-use lodestream_format::memory_form::ClusterView;
+use lodestream_format::cluster_view::ClusterView;
 
 use super::view::rel_from_local;
 use crate::SceneArrays;

@@ -1,7 +1,7 @@
 //! What a visbuffer id shows at a pixel. Twin of `wgsl/shared/surface.wgsl`.
 
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
-use lodestream_format::memory_form::ClusterView;
+use lodestream_format::cluster_view::ClusterView;
 use lodestream_format::octahedral;
 
 use super::barycentric::Barycentric;

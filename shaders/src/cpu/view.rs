@@ -13,6 +13,8 @@ pub const GROUP_SLACK: f32 = 2.0 * CLUSTER_SLACK;
 pub const NODE_SLACK: f32 = 4.0 * CLUSTER_SLACK;
 /// Threads of a workgroup of a 1D pass.
 pub const WORKGROUP_THREADS: u32 = 64;
+/// Threads of a workgroup of `restore`.
+pub const RESTORE_THREADS: u32 = 256;
 /// Most workgroups along x; y counts on.
 pub const MAX_WORKGROUPS_X: u32 = 65_535;
 

@@ -130,6 +130,8 @@ struct TranscodeJob {
     span_word: u32,
     pool_word: u32,
     tables_word: u32,
+    parents_word: u32,
+    restored_word: u32,
 }
 
 struct MaterialRecord {

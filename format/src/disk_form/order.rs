@@ -1,0 +1,128 @@
+//! The order of a cluster's triangles and vertices in a page: that of the steps around its open edges (see `topology`).
+
+use super::topology::{Edge, Ring};
+use crate::cluster::Cluster;
+
+/// Number of a vertex that no triangle has had.
+const UNSEEN: u16 = u16::MAX;
+/// No corner.
+const NONE: u16 = u16::MAX;
+
+/// The same cluster with its triangles in the order of the steps, each run of one material by itself, and its vertices as
+/// they come; those that no triangle has are gone.
+pub fn canonical(cluster: &Cluster) -> Cluster {
+    let mut number = [UNSEEN; 256];
+    let mut order: Vec<u8> = Vec::with_capacity(cluster.positions.len());
+    let mut triangles: Vec<[u8; 3]> = Vec::with_capacity(cluster.triangles.len());
+    let mut ring = Ring::default();
+    let mut first = 0;
+    for range in &cluster.materials {
+        let own = &cluster.triangles[first..first + range.triangle_count as usize];
+        first += own.len();
+        let mut run = Run::new(own);
+        for _ in 0..own.len() {
+            // An edge that only another run's triangle lies beyond counts as border.
+            let mut beyond = None;
+            while let Some(gate) = ring.gate() {
+                beyond = run.beyond(gate, &order);
+                if beyond.is_some() {
+                    break;
+                }
+                ring.border();
+            }
+            let (index, turn) = beyond.unwrap_or_else(|| (run.most_known(&number), 0));
+            run.take(index);
+            let mut corners = own[index];
+            corners.rotate_left(turn);
+            let is_new = number[corners[2] as usize] == UNSEEN;
+            let triangle = corners.map(|vertex| {
+                let own = &mut number[vertex as usize];
+                if *own == UNSEEN {
+                    *own = order.len() as u16;
+                    order.push(vertex);
+                }
+                *own as u8
+            });
+            let third = triangle[2];
+            match beyond {
+                None => ring.begin(triangle),
+                Some(_) if is_new => ring.new_corner(third),
+                Some(_) if ring.third_before() == Some(third) => ring.before(),
+                Some(_) if ring.third_after() == Some(third) => ring.after(),
+                Some(_) => ring.far_corner(third),
+            }
+            triangles.push(triangle);
+        }
+    }
+    fn picked<T: Copy>(order: &[u8], from: &[T]) -> Vec<T> {
+        let some = if from.is_empty() { &[] } else { order };
+        some.iter().map(|&vertex| from[vertex as usize]).collect()
+    }
+    Cluster {
+        positions: picked(&order, &cluster.positions),
+        normals: picked(&order, &cluster.normals),
+        uvs: picked(&order, &cluster.uvs),
+        colors: picked(&order, &cluster.colors),
+        triangles,
+        materials: cluster.materials.clone(),
+        level: cluster.level,
+        group: cluster.group,
+        child_group: cluster.child_group,
+    }
+}
+
+/// Triangles of one material that are put in order.
+struct Run<'a> {
+    triangles: &'a [[u8; 3]],
+    left: [bool; 256],
+    /// First corner at each vertex and the next of each, ascending; corner = 3 triangle + turn.
+    first: [u16; 256],
+    next: Vec<u16>,
+}
+
+impl<'a> Run<'a> {
+    fn new(triangles: &'a [[u8; 3]]) -> Self {
+        let mut first = [NONE; 256];
+        let mut next = vec![NONE; 3 * triangles.len()];
+        for (corner, &vertex) in triangles.as_flattened().iter().enumerate().rev() {
+            next[corner] = std::mem::replace(&mut first[vertex as usize], corner as u16);
+        }
+        Self {
+            triangles,
+            left: [true; 256],
+            first,
+            next,
+        }
+    }
+
+    /// The first triangle left beyond an edge, and how far it has to turn to begin with it.
+    fn beyond(&self, [from, to, _]: Edge, order: &[u8]) -> Option<(usize, usize)> {
+        let [from, to] = [from, to].map(|vertex| order[vertex as usize]);
+        let mut corner = self.first[from as usize];
+        while corner != NONE {
+            let (index, turn) = (corner as usize / 3, corner as usize % 3);
+            if self.left[index] && self.triangles[index][(turn + 1) % 3] == to {
+                return Some((index, turn));
+            }
+            corner = self.next[corner as usize];
+        }
+        None
+    }
+
+    fn take(&mut self, index: usize) {
+        self.left[index] = false;
+    }
+
+    /// The triangle that is left with the most known corners, the first of those.
+    fn most_known(&self, number: &[u16; 256]) -> usize {
+        let known = |triangle: &[u8; 3]| {
+            let seen = |vertex: &&u8| number[**vertex as usize] != UNSEEN;
+            triangle.iter().filter(seen).count()
+        };
+        let left = (0..self.triangles.len()).filter(|&index| self.left[index]);
+        let most = left
+            .rev()
+            .max_by_key(|&index| known(&self.triangles[index]));
+        most.unwrap_or(0)
+    }
+}

@@ -1,0 +1,367 @@
+//! Restore: a page's memory form from its disk form and its parents' memory forms. The GPU does the same, see the shaders' `restore` and
+//! `transcode`; this is their twin, and what programs without a GPU use.
+//!
+//! Rounds go one after the other, the clusters of a round in order. Vertices are worked on as lanes of a word a field, all fields
+//! at once.
+
+use super::predict::{add_normal, on_octahedron, signed, surface_shift};
+use super::sources::word;
+use super::{DiskForm, FIELDS, ROUND_SHIFT, field, round};
+use crate::bits::read_bits;
+use crate::cluster::Attributes;
+use crate::error::{FormatError, ensure};
+use crate::memory_form::{
+    CLUSTER_HEADER_WORDS, ClusterHeader, MAGIC, PAGE_HEADER_WORDS, cluster_word, page_word,
+};
+use crate::octahedral::NORMAL_BITS;
+
+/// The memory form of a page; `parent` gives those of pages before it, of the same asset. A page that the form names and
+/// that is not there, or a cluster or vertex that is not in it, is an error.
+pub fn memory_form<'a>(
+    form: &DiskForm,
+    parent: impl Fn(u32) -> Option<&'a [u32]>,
+) -> Result<Vec<u32>, FormatError> {
+    let parents: Vec<ParentView<'a>> = form
+        .parents()
+        .iter()
+        .map(|&[page, cluster]| {
+            let at = || {
+                FormatError::new(
+                    "parent",
+                    format!("cluster {cluster} of page {page}"),
+                    "none",
+                )
+            };
+            let words = parent(page).ok_or_else(at)?;
+            ParentView::new(words, cluster, form.attributes()).ok_or_else(at)
+        })
+        .collect::<Result<_, _>>()?;
+    for &source in form.sources() {
+        if source >> word::KIND_SHIFT == word::INHERITED {
+            let (parent, vertex) = word::parts(source);
+            let vertices = parents[parent].vertices;
+            ensure(
+                vertex < vertices,
+                "inherited vertex",
+                format_args!("below {vertices} in parent {parent}"),
+                vertex,
+            )?;
+        }
+    }
+    // Colours are rare: without them a vertex is two vectors of four words.
+    Ok(match form.attributes().has(Attributes::COLOR) {
+        true => Page::<12>::new(form, &parents).memory_form(),
+        false => Page::<8>::new(form, &parents).memory_form(),
+    })
+}
+
+/// The fields of a vertex, in plane order; zeros after them.
+type Lanes<const N: usize> = [u32; N];
+
+/// A cluster of a resident page.
+#[derive(Debug, Clone, Copy)]
+struct ParentView<'a> {
+    records: &'a [u32],
+    bits: [u32; FIELDS],
+    record_bits: usize,
+    least: [u32; FIELDS],
+    vertices: usize,
+}
+
+impl<'a> ParentView<'a> {
+    fn new(page: &'a [u32], cluster: u32, attributes: Attributes) -> Option<Self> {
+        if cluster >= *page.get(page_word::CLUSTER_COUNT)? {
+            return None;
+        }
+        let first = PAGE_HEADER_WORDS + cluster as usize * CLUSTER_HEADER_WORDS;
+        let words = page.get(first..first + CLUSTER_HEADER_WORDS)?;
+        let header = ClusterHeader(words.try_into().ok()?);
+        let records = header.0[cluster_word::PAYLOAD] as usize + header.index_words();
+        Some(Self {
+            records: page.get(records..)?,
+            bits: header.field_bits(attributes),
+            record_bits: header.vertex_bits(attributes) as usize,
+            least: least(&header),
+            vertices: header.vertex_count() as usize,
+        })
+    }
+
+    /// All fields of a vertex, not less the cluster's smallest.
+    #[inline]
+    fn vertex<const N: usize>(&self, vertex: usize) -> Lanes<N> {
+        let mut bit = vertex * self.record_bits;
+        let mut lanes = [0; N];
+        for (field, lane) in lanes.iter_mut().enumerate().take(FIELDS) {
+            let bits = self.bits[field];
+            *lane = read_bits(self.records, bit, bits).wrapping_add(self.least[field]);
+            bit += bits as usize;
+        }
+        lanes
+    }
+}
+
+/// Smallest value of each field of a cluster's vertices, which offsets count from.
+fn least(header: &ClusterHeader) -> [u32; FIELDS] {
+    let [x, y, z] = header.origin().map(|value| value as u32);
+    let [u, v] = header.uv_min().map(|value| value as u32);
+    let [r, g, b, a] = header.color_min().map(u32::from);
+    [x, y, z, 0, 0, u, v, r, g, b, a]
+}
+
+fn lanes<const N: usize>(fields: [u32; FIELDS]) -> Lanes<N> {
+    std::array::from_fn(|lane| fields.get(lane).copied().unwrap_or(0))
+}
+
+/// A page being unpacked.
+struct Page<'a, const N: usize> {
+    form: &'a DiskForm,
+    parents: &'a [ParentView<'a>],
+    sources: &'a [u32],
+    indices: [&'a [u8]; 3],
+    /// Signed differences of the own vertices.
+    differences: Vec<Lanes<N>>,
+    /// Offsets of all vertices, as far as they are known.
+    values: Vec<Lanes<N>>,
+}
+
+impl<'a, const N: usize> Page<'a, N> {
+    fn new(form: &'a DiskForm, parents: &'a [ParentView<'a>]) -> Self {
+        let layout = form.layout();
+        let indices: &[u8] = bytemuck::cast_slice(&form.words[layout.index_planes..]);
+        let plane = 4 * layout.index_plane_words;
+        Self {
+            form,
+            parents,
+            sources: form.sources(),
+            indices: [0, 1, 2].map(|corner| &indices[corner * plane..]),
+            differences: differences(form),
+            values: vec![[0; N]; layout.vertex_planes - layout.sources],
+        }
+    }
+
+    fn memory_form(mut self) -> Vec<u32> {
+        let form = self.form;
+        let mut order: Vec<u32> = (0..form.headers.len() as u32).collect();
+        order.sort_by_key(|&cluster| round(&form.headers[cluster as usize]));
+        let mut words = vec![0; form.memory_words()];
+        for cluster in order {
+            self.restore(cluster as usize);
+            self.write(cluster as usize, &mut words);
+        }
+        words[page_word::MAGIC] = MAGIC;
+        words[page_word::CLUSTER_COUNT] = form.headers.len() as u32;
+        words[page_word::WORDS] = form.memory_words() as u32;
+        words[page_word::ATTRIBUTES] = form.attributes().0;
+        words[page_word::PAGE] = form.page();
+        words[page_word::TABLES] = form.tables_word;
+        let tables = &form.words[form.layout.tables..];
+        words[form.tables_word as usize..].copy_from_slice(tables);
+        words
+    }
+
+    fn triangles(&self, cluster: usize) -> impl Iterator<Item = [u8; 3]> + use<'a, N> {
+        let first = self.form.spans[cluster].first_triangle as usize;
+        let count = self.form.headers[cluster].triangle_count() as usize;
+        let [a, b, c] = self.indices.map(|plane| &plane[first..][..count]);
+        a.iter().zip(b).zip(c).map(|((&a, &b), &c)| [a, b, c])
+    }
+
+    /// Works out the vertices of a cluster.
+    fn restore(&mut self, cluster: usize) {
+        let (header, span) = (&self.form.headers[cluster], &self.form.spans[cluster]);
+        let bits = header.field_bits(self.form.attributes());
+        let mask = lanes::<N>(bits.map(|bits| (1u32 << bits) - 1));
+        let own_least = lanes::<N>(least(header));
+        let first = span.first_vertex as usize;
+        let count = header.vertex_count() as usize;
+        let mut next_own = span.first_own as usize;
+        let sources = &self.sources[first..first + count];
+        for (vertex, &source) in sources.iter().enumerate() {
+            let moved = |from: Lanes<N>, least: Lanes<N>| {
+                std::array::from_fn(|lane| {
+                    let absolute = from[lane].wrapping_add(least[lane]);
+                    absolute.wrapping_sub(own_least[lane]) & mask[lane]
+                })
+            };
+            let value: Lanes<N> = match source >> word::KIND_SHIFT {
+                word::REPEATED => {
+                    let (other, at) = word::parts(source);
+                    let at = self.form.spans[other].first_vertex as usize + at;
+                    moved(self.values[at], lanes(least(&self.form.headers[other])))
+                }
+                word::INHERITED => {
+                    let (parent, at) = word::parts(source);
+                    moved(self.parents[parent].vertex(at), [0; N])
+                }
+                kind => {
+                    let difference = self.differences[next_own];
+                    next_own += 1;
+                    let mut expected = match kind {
+                        word::BEYOND => {
+                            let [a, b, opposite, _] = source.to_le_bytes();
+                            let at = |corner: u8| self.values[first + corner as usize];
+                            beyond(at(a), at(b), at(opposite))
+                        }
+                        _ => match vertex {
+                            0 => [0; N],
+                            _ => self.values[first + vertex - 1],
+                        },
+                    };
+                    // Normals stay differences until the surface is known.
+                    (expected[field::NORMAL], expected[field::NORMAL + 1]) = (0, 0);
+                    std::array::from_fn(|lane| {
+                        expected[lane].wrapping_add(difference[lane]) & mask[lane]
+                    })
+                }
+            };
+            self.values[first + vertex] = value;
+        }
+        if self.form.attributes().has(Attributes::NORMAL) {
+            self.normals(cluster, surface_shift([bits[0], bits[1], bits[2]]));
+        }
+    }
+
+    /// Turns the own normals' differences into normals.
+    fn normals(&mut self, cluster: usize, shift: u32) {
+        let (header, span) = (&self.form.headers[cluster], &self.form.spans[cluster]);
+        let first = span.first_vertex as usize;
+        let count = header.vertex_count() as usize;
+        let mut sums = [[0; 3]; 256];
+        {
+            let values = &self.values[first..first + count];
+            let position = |vertex: u8| {
+                let [x, y, z, ..] = values[vertex as usize][..] else {
+                    return [0; 3];
+                };
+                [x, y, z]
+            };
+            for triangle in self.triangles(cluster) {
+                add_normal(&mut sums, triangle, position, shift);
+            }
+        }
+        let sources = &self.sources[first..first + count];
+        let values = &mut self.values[first..first + count];
+        for ((&source, value), &sum) in sources.iter().zip(values).zip(&sums) {
+            if source >> word::KIND_SHIFT > word::ANEW {
+                continue;
+            }
+            for (axis, expected) in on_octahedron(sum).into_iter().enumerate() {
+                let own = &mut value[field::NORMAL + axis];
+                *own = own.wrapping_add(expected) & ((1 << NORMAL_BITS) - 1);
+            }
+        }
+    }
+
+    /// Writes a cluster's header and payload.
+    fn write(&self, cluster: usize, words: &mut [u32]) {
+        let (mut header, span) = (self.form.headers[cluster], &self.form.spans[cluster]);
+        let first = span.first_vertex as usize;
+        let values = &self.values[first..first + header.vertex_count() as usize];
+        header.0[cluster_word::COUNTS] &= (1 << ROUND_SHIFT) - 1;
+        header.0[cluster_word::PAYLOAD] = span.payload_word;
+        if header.has_material_table() {
+            header.0[cluster_word::MATERIALS] += self.form.tables_word;
+        }
+        let largest = values.iter().fold([0; N], |largest: Lanes<N>, value| {
+            std::array::from_fn(|lane| largest[lane].max(value[lane]))
+        });
+        header.0[cluster_word::EXTENT..][..3].copy_from_slice(&largest[..3]);
+        let at = PAGE_HEADER_WORDS + cluster * CLUSTER_HEADER_WORDS;
+        words[at..at + CLUSTER_HEADER_WORDS].copy_from_slice(&header.0);
+
+        let index_words = header.index_words();
+        let payload = &mut words[span.payload_word as usize..];
+        let (indices, records) = payload.split_at_mut(index_words);
+        let bits = header.index_bits();
+        let mut writer = Bits::new(indices);
+        for [a, b, c] in self.triangles(cluster) {
+            let triangle = a as u64 | (b as u64) << bits | (c as u64) << (2 * bits);
+            writer.push(triangle, 3 * bits);
+        }
+        writer.finish();
+        let [x, y, z, nu, nv, u, v, r, g, b, a] = header.field_bits(self.form.attributes());
+        let mut writer = Bits::new(records);
+        for value in values {
+            let wide = |lane: usize| value[lane] as u64;
+            writer.push(wide(0) | wide(1) << x, x + y);
+            writer.push(wide(2) | wide(3) << z | wide(4) << (z + nu), z + nu + nv);
+            writer.push(wide(5) | wide(6) << u, u + v);
+            if N > 8 {
+                let [rg, ba] = [wide(7) | wide(8) << r, wide(9) | wide(10) << b];
+                writer.push(rg | ba << (r + g), r + g + b + a);
+            }
+        }
+        writer.finish();
+    }
+}
+
+/// What is expected beyond an edge, in every lane.
+#[inline]
+fn beyond<const N: usize>(a: Lanes<N>, b: Lanes<N>, opposite: Lanes<N>) -> Lanes<N> {
+    std::array::from_fn(|lane| {
+        super::predict::beyond_edge(lane, [a[lane], b[lane], opposite[lane]])
+    })
+}
+
+/// The own vertices' planes as lanes.
+fn differences<const N: usize>(form: &DiskForm) -> Vec<Lanes<N>> {
+    let layout = form.layout();
+    let mut all = vec![[0; N]; form.own_vertices()];
+    let mut plane = layout.vertex_planes;
+    for (field, &field_bytes) in layout.field_bytes.iter().enumerate() {
+        for byte in 0..field_bytes {
+            let bytes: &[u8] = bytemuck::cast_slice(&form.words[plane..]);
+            for (lanes, &value) in all.iter_mut().zip(bytes) {
+                lanes[field.min(N - 1)] |= (value as u32) << (8 * byte);
+            }
+            plane += layout.vertex_plane_words;
+        }
+    }
+    for lanes in &mut all {
+        *lanes = lanes.map(signed);
+    }
+    all
+}
+
+/// Writes a bit stream into words that are there.
+struct Bits<'a> {
+    words: std::slice::IterMut<'a, u32>,
+    waiting: u128,
+    bits: u32,
+}
+
+impl<'a> Bits<'a> {
+    fn new(words: &'a mut [u32]) -> Self {
+        Self {
+            words: words.iter_mut(),
+            waiting: 0,
+            bits: 0,
+        }
+    }
+
+    /// Appends the low `bits` (at most 64) of a value that has no others.
+    #[inline]
+    fn push(&mut self, value: u64, bits: u32) {
+        self.waiting |= (value as u128) << self.bits;
+        self.bits += bits;
+        if self.bits >= 64 {
+            self.word();
+            self.word();
+        }
+    }
+
+    #[inline]
+    fn word(&mut self) {
+        if let Some(word) = self.words.next() {
+            *word = self.waiting as u32;
+        }
+        self.waiting >>= 32;
+        self.bits = self.bits.saturating_sub(32);
+    }
+
+    fn finish(mut self) {
+        while self.bits > 0 {
+            self.word();
+        }
+    }
+}
