@@ -34,63 +34,84 @@ impl<const BASE: u8> DigitWriter<BASE> {
     }
 }
 
-/// Reads them.
+/// The digits of some bytes, one after the other. Past the end come zeros.
 #[derive(Debug)]
-pub(super) struct DigitReader<'a, const BASE: u8> {
-    bytes: std::slice::Iter<'a, u8>,
-    byte: u8,
-    left: u32,
+pub(super) struct Digits {
+    digits: Vec<u8>,
+    next: usize,
+    per_byte: usize,
 }
 
-impl<'a, const BASE: u8> DigitReader<'a, BASE> {
-    pub fn new(bytes: &'a [u8]) -> Self {
-        Self {
-            bytes: bytes.iter(),
-            byte: 0,
-            left: 0,
+/// For each byte its digits, a byte each from the lowest on; `u64::MAX` for one that has none.
+const fn table<const BASE: u8>() -> [u64; 256] {
+    let mut table = [u64::MAX; 256];
+    let mut byte = 0;
+    while byte < (BASE as usize).pow(per_byte(BASE)) {
+        let (mut value, mut place, mut digits) = (byte, 0, 0);
+        while place < per_byte(BASE) {
+            digits |= ((value % BASE as usize) as u64) << (8 * place);
+            value /= BASE as usize;
+            place += 1;
         }
+        table[byte] = digits;
+        byte += 1;
+    }
+    table
+}
+
+impl Digits {
+    /// Splits the bytes; `None` where one is too large.
+    pub fn new<const BASE: u8>(bytes: &[u8]) -> Option<Self> {
+        let table = const { &table::<BASE>() };
+        let per_byte = per_byte(BASE) as usize;
+        // Each byte writes eight digits, the next one over those that are not its own.
+        let mut digits = vec![0; per_byte * bytes.len() + 8];
+        let mut too_large = false;
+        for (place, &byte) in bytes.iter().enumerate() {
+            let own = table[byte as usize];
+            too_large |= own == u64::MAX;
+            digits[per_byte * place..][..8].copy_from_slice(&own.to_le_bytes());
+        }
+        digits.truncate(per_byte * bytes.len());
+        (!too_large).then_some(Self {
+            digits,
+            next: 0,
+            per_byte,
+        })
     }
 
-    /// The next digit; [`Self::rest`] finds the bytes that hold too much.
-    #[inline]
-    pub fn next(&mut self) -> Result<u8, &'static str> {
-        if self.left == 0 {
-            self.byte = *self.bytes.next().ok_or("more digits than there are")?;
-            self.left = per_byte(BASE);
-        }
-        self.left -= 1;
-        let digit = match self.left {
-            // What is too large for the highest place is no digit.
-            0 => self.byte,
-            _ => self.byte % BASE,
+    /// The next digit, 0 past the end: [`Self::finish`] tells.
+    #[inline(always)]
+    pub fn next(&mut self) -> u8 {
+        let digit = self.digits.get(self.next).copied().unwrap_or(0);
+        self.next += 1;
+        digit
+    }
+
+    /// That no more were read than there are, and nothing is left but zeros in the last byte.
+    pub fn finish(&self) -> Result<(), &'static str> {
+        let Some(left) = self.digits.get(self.next..) else {
+            return Err("more digits than there are");
         };
-        self.byte /= BASE;
-        match digit < BASE {
-            true => Ok(digit),
-            false => Err("a byte of digits that is too large"),
-        }
-    }
-
-    /// That nothing is left but zeros in the last byte.
-    pub fn finish(mut self) -> Result<(), &'static str> {
-        match (self.bytes.next(), self.byte) {
-            (None, 0) => Ok(()),
-            _ => Err("digits that nothing needs"),
+        match left.len() < self.per_byte && left.iter().all(|&digit| digit == 0) {
+            true => Ok(()),
+            false => Err("digits that nothing needs"),
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)] // A test's way to fail.
     use super::*;
     use proptest::prelude::*;
 
     fn come_back<const BASE: u8>(digits: &[u8]) {
         let mut writer = DigitWriter::<BASE>::default();
         digits.iter().for_each(|&digit| writer.push(digit % BASE));
-        let mut reader = DigitReader::<BASE>::new(&writer.bytes);
+        let mut reader = Digits::new::<BASE>(&writer.bytes).unwrap();
         for &digit in digits {
-            assert_eq!(reader.next(), Ok(digit % BASE));
+            assert_eq!(reader.next(), digit % BASE);
         }
         assert_eq!(reader.finish(), Ok(()));
     }
@@ -106,11 +127,11 @@ mod tests {
     #[test]
     fn five_of_three_and_three_of_five_fit_a_byte() {
         assert_eq!([per_byte(3), per_byte(5)], [5, 3]);
-        let refused = DigitReader::<5>::new(&[125]);
-        let mut refused = refused;
-        assert_eq!((refused.next(), refused.next()), (Ok(0), Ok(0)));
-        assert!(refused.next().is_err());
-        let mut left = DigitReader::<3>::new(&[9]);
-        assert_eq!((left.next(), left.finish().is_err()), (Ok(0), true));
+        assert!(Digits::new::<5>(&[125]).is_none());
+        assert!(Digits::new::<5>(&[124]).is_some());
+        let mut left = Digits::new::<3>(&[9]).unwrap();
+        assert_eq!((left.next(), left.finish().is_err()), (0, true));
+        let mut none = Digits::new::<3>(&[]).unwrap();
+        assert_eq!((none.next(), none.finish().is_err()), (0, true));
     }
 }

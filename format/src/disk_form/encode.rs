@@ -3,7 +3,7 @@
 use super::digits::DigitWriter;
 use super::order::canonical;
 use super::predict::{
-    add_normal, beyond_edge, difference, is_normal, on_octahedron, surface_shift,
+    beyond_edge, difference, is_normal, on_octahedron, surface_shift, triangle_normal,
 };
 use super::sources::{MOST_ROUNDS, Parent, Source, Sources, kind};
 use super::stored::{Counts, Sections, Stored};
@@ -11,6 +11,7 @@ use super::topology::{self, Edge, StepWriter};
 use super::{FIELDS, Layout, MAGIC, ROUND_SHIFT, header_word};
 use crate::cluster::{Attributes, Cluster};
 use crate::error::FormatError;
+use crate::limits::MAX_CLUSTER_VERTICES;
 use crate::memory_form::{self, ClusterHeader, cluster_word};
 
 /// Writes the disk form of page `page` of an asset; it holds the clusters as [`canonical`] orders them. Those of a group lie
@@ -241,11 +242,18 @@ fn expect(field: usize, beyond: Option<Edge>, vertex: usize, value: &impl Fn(usi
 fn expected_normals(cluster: &Cluster, header: &ClusterHeader) -> Vec<[u32; 2]> {
     let [x, y, z, ..] = header.widths();
     let shift = surface_shift([x, y, z]);
-    let mut sums = [[0; 3]; 256];
-    let position =
-        |vertex: u8| [0, 1, 2].map(|axis| offset(cluster, header, axis, vertex as usize));
+    let place = |vertex: u8| {
+        let at = |axis| (offset(cluster, header, axis, vertex as usize) >> shift) as i32;
+        [at(0), at(1), at(2), 0]
+    };
+    let mut sums = [[0i32; 3]; MAX_CLUSTER_VERTICES];
     for &triangle in &cluster.triangles {
-        add_normal(&mut sums, triangle, position, shift);
+        let [a, b, c] = triangle.map(place);
+        let normal = triangle_normal(&a, &b, &c);
+        for vertex in triangle {
+            let sum = &mut sums[vertex as usize];
+            (0..3).for_each(|axis| sum[axis] = sum[axis].wrapping_add(normal[axis]));
+        }
     }
     let own = &sums[..cluster.positions.len()];
     own.iter().map(|&sum| on_octahedron(sum)).collect()

@@ -1,6 +1,6 @@
 //! The order of a cluster's triangles and vertices in a page: that of the steps around its open edges (see `topology`).
 
-use super::topology::{Edge, Ring};
+use super::topology::{Gate, Ring};
 use crate::cluster::Cluster;
 
 /// Number of a vertex that no triangle has had.
@@ -15,6 +15,7 @@ pub fn canonical(cluster: &Cluster) -> Cluster {
     let mut order: Vec<u8> = Vec::with_capacity(cluster.positions.len());
     let mut triangles: Vec<[u8; 3]> = Vec::with_capacity(cluster.triangles.len());
     let mut ring = Ring::default();
+    let mut gate: Option<Gate> = None;
     let mut first = 0;
     for range in &cluster.materials {
         let own = &cluster.triangles[first..first + range.triangle_count as usize];
@@ -23,12 +24,12 @@ pub fn canonical(cluster: &Cluster) -> Cluster {
         for _ in 0..own.len() {
             // An edge that only another run's triangle lies beyond counts as border.
             let mut beyond = None;
-            while let Some(gate) = ring.gate() {
-                beyond = run.beyond(gate, &order);
+            while let Some(edge) = gate {
+                beyond = run.beyond(edge, &order);
                 if beyond.is_some() {
                     break;
                 }
-                ring.border();
+                gate = ring.border(edge);
             }
             let (index, turn) = beyond.unwrap_or_else(|| (run.most_known(&number), 0));
             run.take(index);
@@ -44,13 +45,13 @@ pub fn canonical(cluster: &Cluster) -> Cluster {
                 *own as u8
             });
             let third = triangle[2];
-            match beyond {
-                None => ring.begin(triangle),
-                Some(_) if is_new => ring.new_corner(third),
-                Some(_) if ring.third_before() == Some(third) => ring.before(),
-                Some(_) if ring.third_after() == Some(third) => ring.after(),
-                Some(_) => ring.far_corner(third),
-            }
+            gate = match gate {
+                None => Some(ring.begin(triangle)),
+                Some(edge) if is_new => Some(ring.new_corner(edge, third)),
+                Some(edge) if ring.third_before(edge) == Some(third) => ring.before(edge),
+                Some(edge) if ring.third_after(edge) == Some(third) => ring.after(edge),
+                Some(edge) => ring.far_corner(edge, third),
+            };
             triangles.push(triangle);
         }
     }
@@ -96,7 +97,8 @@ impl<'a> Run<'a> {
     }
 
     /// The first triangle left beyond an edge, and how far it has to turn to begin with it.
-    fn beyond(&self, [from, to, _]: Edge, order: &[u8]) -> Option<(usize, usize)> {
+    fn beyond(&self, gate: Gate, order: &[u8]) -> Option<(usize, usize)> {
+        let [from, to, _] = gate.edge();
         let [from, to] = [from, to].map(|vertex| order[vertex as usize]);
         let mut corner = self.first[from as usize];
         while corner != NONE {

@@ -2,10 +2,10 @@
 //! transcoded and drawn without another check, whatever its parents hold.
 
 use super::check::{check_header, hex, within};
-use super::digits::DigitReader;
+use super::digits::Digits;
 use super::sources::{kind, word};
 use super::stored::{Counts, Stored, unfolded};
-use super::topology::{self, Event, StepReader};
+use super::topology::{Edge, Steps, Triangles};
 use super::{DiskForm, HEADER_WORDS, Layout, MAGIC, header_word, plane_widths, round, rounds};
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
@@ -200,11 +200,27 @@ impl DiskForm {
         let layout = self.layout;
         let (before, sources) = self.words.split_at_mut(layout.sources);
         let indices: &mut [u8] = bytemuck::cast_slice_mut(&mut before[layout.index_planes..]);
-        let plane = 4 * layout.index_plane_words;
-        let mut steps = StepReader::new(stored.steps(bytes));
-        let mut extra = stored.extra(bytes).iter();
+        let wrong = |found: &str| {
+            FormatError::new(
+                "triangles of all clusters",
+                "steps, extra bytes and kinds for them",
+                found,
+            )
+        };
+        let digits = (
+            Digits::new::<5>(stored.steps(bytes)),
+            Digits::new::<3>(stored.kinds(bytes)),
+        );
+        let (Some(steps), Some(kinds)) = digits else {
+            return Err(wrong("a byte of digits that is too large"));
+        };
+        let mut steps = Steps {
+            digits: steps,
+            extra: stored.extra(bytes).iter(),
+            wrong: None,
+        };
         let mut reader = Reader {
-            kinds: DigitReader::new(stored.kinds(bytes)),
+            kinds,
             repeated: stored.repeated(bytes),
             inherited: stored.inherited(bytes),
             own: 0,
@@ -213,6 +229,11 @@ impl DiskForm {
             last_repeated: (0, 0),
             parents: 0..0,
             last_inherited: (0, 0),
+            sources,
+            indices: split_planes(indices, 4 * layout.index_plane_words),
+            vertex: 0,
+            triangle: 0,
+            wrong: None,
         };
         for (cluster, header) in self.headers.iter().enumerate() {
             let span = &mut self.spans[cluster];
@@ -224,44 +245,22 @@ impl DiskForm {
                 reader.parents.end
             };
             reader.begin(cluster as u32, first..first + parents[cluster]);
-            let vertices = header.vertex_count() as usize;
-            let sources = &mut sources[span.first_vertex as usize..][..vertices];
-            let (mut triangle, mut vertex) = (span.first_triangle as usize, 0);
-            let triangles = header.triangle_count();
-            let read = topology::decode(&mut steps, &mut extra, triangles, |event| {
-                match event {
-                    Event::Vertex(beyond) => {
-                        let slot = sources
-                            .get_mut(vertex)
-                            .ok_or("more vertices than its header says")?;
-                        *slot = reader.vertex(beyond)?;
-                        vertex += 1;
-                    }
-                    Event::Triangle([a, b, c]) => {
-                        indices[triangle] = a;
-                        indices[plane + triangle] = b;
-                        indices[2 * plane + triangle] = c;
-                        triangle += 1;
-                    }
-                }
-                Ok(())
-            });
+            let found = steps.read(header.triangle_count(), &mut reader);
             let wrong = |expected: String, found: String| {
                 within(FormatError::new("triangles", expected, found), cluster)
             };
-            let count =
-                read.map_err(|found| wrong("steps that mean something".into(), found.into()))?;
-            if count != vertices {
-                return Err(wrong(format!("{vertices} vertices"), format!("{count}")));
+            if let Some(found) = steps.wrong.or(reader.wrong) {
+                return Err(wrong("steps that mean something".into(), found.into()));
+            }
+            let vertices = header.vertex_count() as usize;
+            if found != vertices {
+                return Err(wrong(format!("{vertices} vertices"), format!("{found}")));
             }
         }
-        let rest = FormatError::new(
-            "triangles of all clusters",
-            "all steps, extra bytes, kinds",
-            "more",
-        );
-        if steps.finish().is_err() || extra.len() > 0 || reader.kinds.finish().is_err() {
-            return Err(rest);
+        let left = steps.digits.finish().and(reader.kinds.finish());
+        left.map_err(wrong)?;
+        if steps.extra.len() > 0 {
+            return Err(wrong("more extra bytes"));
         }
         for (at, expected, found) in [
             ("repeated vertices", counts.repeated, reader.at[0]),
@@ -302,9 +301,16 @@ impl DiskForm {
     }
 }
 
-/// Reads where vertices come from, as they come.
+/// Three planes of `bytes` each.
+fn split_planes(indices: &mut [u8], bytes: usize) -> [&mut [u8]; 3] {
+    let (first, rest) = indices.split_at_mut(bytes);
+    let (second, third) = rest.split_at_mut(bytes);
+    [first, second, third]
+}
+
+/// Writes triangles and where vertices come from, as they come.
 struct Reader<'a> {
-    kinds: DigitReader<'a, 3>,
+    kinds: Digits,
     repeated: [&'a [u8]; 3],
     inherited: [&'a [u8]; 2],
     own: usize,
@@ -316,6 +322,44 @@ struct Reader<'a> {
     /// Those of the group.
     parents: std::ops::Range<u32>,
     last_inherited: (u32, u8),
+    sources: &'a mut [u32],
+    indices: [&'a mut [u8]; 3],
+    /// Of the page; the next to be written.
+    vertex: usize,
+    triangle: usize,
+    wrong: Option<&'static str>,
+}
+
+impl Triangles for Reader<'_> {
+    #[inline(always)]
+    fn vertex(&mut self, beyond: Option<Edge>) {
+        let source = match self.kinds.next() {
+            kind::OWN => {
+                self.own += 1;
+                match beyond {
+                    Some([from, to, opposite]) => u32::from_le_bytes([from, to, opposite, 0]),
+                    None => word::ANEW << word::KIND_SHIFT,
+                }
+            }
+            kind::REPEATED => self.repeat(),
+            _ => self.inherit(),
+        };
+        // One too many is found when they are counted.
+        if let Some(slot) = self.sources.get_mut(self.vertex) {
+            *slot = source;
+        }
+        self.vertex += 1;
+    }
+
+    #[inline(always)]
+    fn triangle(&mut self, corners: [u8; 3]) {
+        for (plane, corner) in self.indices.iter_mut().zip(corners) {
+            if let Some(slot) = plane.get_mut(self.triangle) {
+                *slot = corner;
+            }
+        }
+        self.triangle += 1;
+    }
 }
 
 impl Reader<'_> {
@@ -326,63 +370,50 @@ impl Reader<'_> {
         self.last_inherited = (0, 0);
     }
 
-    #[inline]
-    fn vertex(&mut self, beyond: Option<topology::Edge>) -> Result<u32, &'static str> {
-        match self.kinds.next()? {
-            kind::OWN => {
-                self.own += 1;
-                Ok(match beyond {
-                    Some([from, to, opposite]) => u32::from_le_bytes([from, to, opposite, 0]),
-                    None => word::ANEW << word::KIND_SHIFT,
-                })
-            }
-            kind::REPEATED => self.repeat(),
-            _ => self.inherit(),
-        }
+    #[cold]
+    fn refuse(&mut self, found: &'static str) -> u32 {
+        self.wrong.get_or_insert(found);
+        0
     }
 
-    fn repeat(&mut self) -> Result<u32, &'static str> {
+    #[inline(always)]
+    fn repeat(&mut self) -> u32 {
         let [low, high, vertex] = self.repeated;
         let at = self.at[0];
         let (Some(&low), Some(&high), Some(&vertex)) = (low.get(at), high.get(at), vertex.get(at))
         else {
-            return Err("more repeated vertices than there are");
+            return self.refuse("more repeated vertices than there are");
         };
         self.at[0] += 1;
         let (last_cluster, last_vertex) = self.last_repeated;
-        let cluster = last_cluster.wrapping_add(unfolded(u32::from_le_bytes([low, high, 0, 0])));
-        if cluster >= MAX_PAGE_CLUSTERS as u32 {
-            return Err("a repeated vertex of no cluster");
-        }
+        let apart = unfolded(u32::from_le_bytes([low, high, 0, 0]));
+        let cluster = last_cluster.wrapping_add(apart) & 0xffff;
         let vertex = step_from(vertex, (cluster == last_cluster).then_some(last_vertex));
         self.last_repeated = (cluster, vertex);
-        Ok(word::of(word::REPEATED, cluster, vertex))
+        word::of(word::REPEATED, cluster, vertex)
     }
 
-    fn inherit(&mut self) -> Result<u32, &'static str> {
+    #[inline(always)]
+    fn inherit(&mut self) -> u32 {
         let [parent, vertex] = self.inherited;
         let at = self.at[1];
         let (Some(&parent), Some(&vertex)) = (parent.get(at), vertex.get(at)) else {
-            return Err("more inherited vertices than there are");
+            return self.refuse("more inherited vertices than there are");
         };
         self.at[1] += 1;
         let (last_parent, last_vertex) = self.last_inherited;
         let parent = last_parent.wrapping_add(unfolded(parent as u32)) & 0xff;
         if parent >= self.parents.end - self.parents.start {
-            return Err("an inherited vertex of no parent");
+            return self.refuse("an inherited vertex of no parent");
         }
         let vertex = step_from(vertex, (parent == last_parent).then_some(last_vertex));
         self.last_inherited = (parent, vertex);
-        Ok(word::of(
-            word::INHERITED,
-            self.parents.start + parent,
-            vertex,
-        ))
+        word::of(word::INHERITED, self.parents.start + parent, vertex)
     }
 }
 
 /// The vertex number that a byte stands for.
-#[inline]
+#[inline(always)]
 fn step_from(byte: u8, last: Option<u8>) -> u8 {
     match last {
         Some(last) => last.wrapping_add(unfolded(byte as u32) as u8),

@@ -31,27 +31,17 @@ pub(super) fn surface_shift(bits: [u32; 3]) -> u32 {
     widest.saturating_sub(SURFACE_BITS)
 }
 
-/// Adds to the sum at each corner of a triangle its normal, as long as twice its area. Modulo 2^32: what overflows (a cluster
-/// that fills its box many times over) is expected badly, and read as it was written.
-#[inline]
-pub(super) fn add_normal(
-    sums: &mut [[i32; 3]; 256],
-    triangle: [u8; 3],
-    positions: impl Fn(u8) -> [u32; 3],
-    shift: u32,
-) {
-    let [a, b, c] = triangle.map(|vertex| positions(vertex).map(|value| (value >> shift) as i32));
-    let p: [i32; 3] = std::array::from_fn(|axis| b[axis] - a[axis]);
-    let q: [i32; 3] = std::array::from_fn(|axis| c[axis] - a[axis]);
+/// The normal of a triangle, as long as twice its area, then 0. Modulo 2^32: what overflows (in sums: a cluster that fills its box many
+/// times over) is expected badly, and read as it was written.
+#[inline(always)]
+pub(super) fn triangle_normal(a: &[i32; 4], b: &[i32; 4], c: &[i32; 4]) -> [i32; 4] {
+    let p: [i32; 4] = std::array::from_fn(|axis| b[axis].wrapping_sub(a[axis]));
+    let q: [i32; 4] = std::array::from_fn(|axis| c[axis].wrapping_sub(a[axis]));
     let across = |i: usize, j: usize| {
         let (one, other) = (p[i].wrapping_mul(q[j]), p[j].wrapping_mul(q[i]));
         one.wrapping_sub(other)
     };
-    let normal = [across(1, 2), across(2, 0), across(0, 1)];
-    for vertex in triangle {
-        let sum = &mut sums[vertex as usize];
-        (0..3).for_each(|axis| sum[axis] = sum[axis].wrapping_add(normal[axis]));
-    }
+    [across(1, 2), across(2, 0), across(0, 1), 0]
 }
 
 /// The octahedral pair nearest to a direction, coordinate by coordinate; the middle for none.

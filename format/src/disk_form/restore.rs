@@ -4,12 +4,13 @@
 //! Rounds go one after the other, the clusters of a round in order. Vertices are worked on as lanes of a word a field, all fields
 //! at once.
 
-use super::predict::{add_normal, on_octahedron, signed, surface_shift};
+use super::predict::{beyond_edge, on_octahedron, signed, surface_shift, triangle_normal};
 use super::sources::word;
 use super::{DiskForm, FIELDS, ROUND_SHIFT, field, round};
 use crate::bits::read_bits;
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
+use crate::limits::MAX_CLUSTER_VERTICES;
 use crate::memory_form::{
     CLUSTER_HEADER_WORDS, ClusterHeader, MAGIC, PAGE_HEADER_WORDS, cluster_word, page_word,
 };
@@ -89,12 +90,26 @@ impl<'a> ParentView<'a> {
     /// All fields of a vertex, not less the cluster's smallest.
     #[inline]
     fn vertex<const N: usize>(&self, vertex: usize) -> Lanes<N> {
-        let mut bit = vertex * self.record_bits;
+        let first = vertex * self.record_bits;
         let mut lanes = [0; N];
-        for (field, lane) in lanes.iter_mut().enumerate().take(FIELDS) {
-            let bits = self.bits[field];
-            *lane = read_bits(self.records, bit, bits).wrapping_add(self.least[field]);
-            bit += bits as usize;
+        if self.record_bits <= 97 {
+            // Four words hold the record wherever it begins in the first.
+            let word = |at: usize| self.records.get(first / 32 + at).copied().unwrap_or(0) as u128;
+            let window = word(0) | word(1) << 32 | word(2) << 64 | word(3) << 96;
+            let mut window = window >> (first % 32);
+            for (field, lane) in lanes.iter_mut().enumerate().take(FIELDS) {
+                let bits = self.bits[field];
+                let value = window as u32 & ((1 << bits) - 1);
+                *lane = value.wrapping_add(self.least[field]);
+                window >>= bits;
+            }
+        } else {
+            let mut bit = first;
+            for (field, lane) in lanes.iter_mut().enumerate().take(FIELDS) {
+                let bits = self.bits[field];
+                *lane = read_bits(self.records, bit, bits).wrapping_add(self.least[field]);
+                bit += bits as usize;
+            }
         }
         lanes
     }
@@ -118,10 +133,12 @@ struct Page<'a, const N: usize> {
     parents: &'a [ParentView<'a>],
     sources: &'a [u32],
     indices: [&'a [u8]; 3],
-    /// Signed differences of the own vertices.
-    differences: Vec<Lanes<N>>,
+    /// Smallest values of each cluster.
+    least: Vec<Lanes<N>>,
     /// Offsets of all vertices, as far as they are known.
     values: Vec<Lanes<N>>,
+    /// Signed differences of a cluster's own vertices.
+    differences: Vec<Lanes<N>>,
 }
 
 impl<'a, const N: usize> Page<'a, N> {
@@ -134,8 +151,9 @@ impl<'a, const N: usize> Page<'a, N> {
             parents,
             sources: form.sources(),
             indices: [0, 1, 2].map(|corner| &indices[corner * plane..]),
-            differences: differences(form),
+            least: form.headers.iter().map(|it| lanes(least(it))).collect(),
             values: vec![[0; N]; layout.vertex_planes - layout.sources],
+            differences: vec![[0; N]; MAX_CLUSTER_VERTICES],
         }
     }
 
@@ -168,43 +186,54 @@ impl<'a, const N: usize> Page<'a, N> {
 
     /// Works out the vertices of a cluster.
     fn restore(&mut self, cluster: usize) {
-        let (header, span) = (&self.form.headers[cluster], &self.form.spans[cluster]);
-        let bits = header.field_bits(self.form.attributes());
+        let form = self.form;
+        let (header, span) = (&form.headers[cluster], &form.spans[cluster]);
+        let bits = header.field_bits(form.attributes());
         let mask = lanes::<N>(bits.map(|bits| (1u32 << bits) - 1));
-        let own_least = lanes::<N>(least(header));
+        let own_least = self.least[cluster];
         let first = span.first_vertex as usize;
         let count = header.vertex_count() as usize;
-        let mut next_own = span.first_own as usize;
         let sources = &self.sources[first..first + count];
+        let is_own = |source: &&u32| **source >> word::KIND_SHIFT <= word::ANEW;
+        let own = sources.iter().filter(is_own).count();
+        read_differences(form, span.first_own as usize, &mut self.differences[..own]);
+        // Those before this cluster and after it hold what it repeats.
+        let (before, rest) = self.values.split_at_mut(first);
+        let (values, after) = rest.split_at_mut(count);
+        let moved = |from: &Lanes<N>, least: &Lanes<N>| -> Lanes<N> {
+            std::array::from_fn(|lane| {
+                let absolute = from[lane].wrapping_add(least[lane]);
+                absolute.wrapping_sub(own_least[lane]) & mask[lane]
+            })
+        };
+        let mut differences = self.differences.iter();
         for (vertex, &source) in sources.iter().enumerate() {
-            let moved = |from: Lanes<N>, least: Lanes<N>| {
-                std::array::from_fn(|lane| {
-                    let absolute = from[lane].wrapping_add(least[lane]);
-                    absolute.wrapping_sub(own_least[lane]) & mask[lane]
-                })
-            };
-            let value: Lanes<N> = match source >> word::KIND_SHIFT {
+            values[vertex] = match source >> word::KIND_SHIFT {
                 word::REPEATED => {
                     let (other, at) = word::parts(source);
-                    let at = self.form.spans[other].first_vertex as usize + at;
-                    moved(self.values[at], lanes(least(&self.form.headers[other])))
+                    let at = form.spans[other].first_vertex as usize + at;
+                    let from = match at < first {
+                        true => &before[at],
+                        false => &after[at - first - count],
+                    };
+                    moved(from, &self.least[other])
                 }
                 word::INHERITED => {
                     let (parent, at) = word::parts(source);
-                    moved(self.parents[parent].vertex(at), [0; N])
+                    moved(&self.parents[parent].vertex(at), &[0; N])
                 }
                 kind => {
-                    let difference = self.differences[next_own];
-                    next_own += 1;
+                    // As many as own vertices were read.
+                    let difference = differences.next().unwrap_or(&[0; N]);
                     let mut expected = match kind {
                         word::BEYOND => {
                             let [a, b, opposite, _] = source.to_le_bytes();
-                            let at = |corner: u8| self.values[first + corner as usize];
+                            let at = |corner: u8| &values[corner as usize];
                             beyond(at(a), at(b), at(opposite))
                         }
                         _ => match vertex {
                             0 => [0; N],
-                            _ => self.values[first + vertex - 1],
+                            _ => values[vertex - 1],
                         },
                     };
                     // Normals stay differences until the surface is known.
@@ -214,41 +243,12 @@ impl<'a, const N: usize> Page<'a, N> {
                     })
                 }
             };
-            self.values[first + vertex] = value;
         }
-        if self.form.attributes().has(Attributes::NORMAL) {
-            self.normals(cluster, surface_shift([bits[0], bits[1], bits[2]]));
-        }
-    }
-
-    /// Turns the own normals' differences into normals.
-    fn normals(&mut self, cluster: usize, shift: u32) {
-        let (header, span) = (&self.form.headers[cluster], &self.form.spans[cluster]);
-        let first = span.first_vertex as usize;
-        let count = header.vertex_count() as usize;
-        let mut sums = [[0; 3]; 256];
-        {
-            let values = &self.values[first..first + count];
-            let position = |vertex: u8| {
-                let [x, y, z, ..] = values[vertex as usize][..] else {
-                    return [0; 3];
-                };
-                [x, y, z]
-            };
-            for triangle in self.triangles(cluster) {
-                add_normal(&mut sums, triangle, position, shift);
-            }
-        }
-        let sources = &self.sources[first..first + count];
-        let values = &mut self.values[first..first + count];
-        for ((&source, value), &sum) in sources.iter().zip(values).zip(&sums) {
-            if source >> word::KIND_SHIFT > word::ANEW {
-                continue;
-            }
-            for (axis, expected) in on_octahedron(sum).into_iter().enumerate() {
-                let own = &mut value[field::NORMAL + axis];
-                *own = own.wrapping_add(expected) & ((1 << NORMAL_BITS) - 1);
-            }
+        if own > 0 && form.attributes().has(Attributes::NORMAL) {
+            let shift = surface_shift([bits[0], bits[1], bits[2]]);
+            let triangles = self.triangles(cluster);
+            let values = &mut self.values[first..first + count];
+            normals(values, sources, triangles, shift);
         }
     }
 
@@ -262,25 +262,27 @@ impl<'a, const N: usize> Page<'a, N> {
         if header.has_material_table() {
             header.0[cluster_word::MATERIALS] += self.form.tables_word;
         }
-        let largest = values.iter().fold([0; N], |largest: Lanes<N>, value| {
+        let largest = values.iter().fold([0; 3], |largest: [u32; 3], value| {
             std::array::from_fn(|lane| largest[lane].max(value[lane]))
         });
-        header.0[cluster_word::EXTENT..][..3].copy_from_slice(&largest[..3]);
+        header.0[cluster_word::EXTENT..][..3].copy_from_slice(&largest);
         let at = PAGE_HEADER_WORDS + cluster * CLUSTER_HEADER_WORDS;
         words[at..at + CLUSTER_HEADER_WORDS].copy_from_slice(&header.0);
 
         let index_words = header.index_words();
+        let bits = header.field_bits(self.form.attributes());
+        let record_words = header.payload_words(self.form.attributes()) - index_words;
         let payload = &mut words[span.payload_word as usize..];
         let (indices, records) = payload.split_at_mut(index_words);
-        let bits = header.index_bits();
+        let index_bits = header.index_bits();
         let mut writer = Bits::new(indices);
         for [a, b, c] in self.triangles(cluster) {
-            let triangle = a as u64 | (b as u64) << bits | (c as u64) << (2 * bits);
-            writer.push(triangle, 3 * bits);
+            let triangle = a as u64 | (b as u64) << index_bits | (c as u64) << (2 * index_bits);
+            writer.push(triangle, 3 * index_bits);
         }
         writer.finish();
-        let [x, y, z, nu, nv, u, v, r, g, b, a] = header.field_bits(self.form.attributes());
-        let mut writer = Bits::new(records);
+        let [x, y, z, nu, nv, u, v, r, g, b, a] = bits;
+        let mut writer = Bits::new(&mut records[..record_words]);
         for value in values {
             let wide = |lane: usize| value[lane] as u64;
             writer.push(wide(0) | wide(1) << x, x + y);
@@ -296,31 +298,77 @@ impl<'a, const N: usize> Page<'a, N> {
 }
 
 /// What is expected beyond an edge, in every lane.
-#[inline]
-fn beyond<const N: usize>(a: Lanes<N>, b: Lanes<N>, opposite: Lanes<N>) -> Lanes<N> {
-    std::array::from_fn(|lane| {
-        super::predict::beyond_edge(lane, [a[lane], b[lane], opposite[lane]])
-    })
+#[inline(always)]
+fn beyond<const N: usize>(a: &Lanes<N>, b: &Lanes<N>, opposite: &Lanes<N>) -> Lanes<N> {
+    std::array::from_fn(|lane| beyond_edge(lane, [a[lane], b[lane], opposite[lane]]))
 }
 
-/// The own vertices' planes as lanes.
-fn differences<const N: usize>(form: &DiskForm) -> Vec<Lanes<N>> {
-    let layout = form.layout();
-    let mut all = vec![[0; N]; form.own_vertices()];
-    let mut plane = layout.vertex_planes;
-    for (field, &field_bytes) in layout.field_bytes.iter().enumerate() {
-        for byte in 0..field_bytes {
-            let bytes: &[u8] = bytemuck::cast_slice(&form.words[plane..]);
-            for (lanes, &value) in all.iter_mut().zip(bytes) {
-                lanes[field.min(N - 1)] |= (value as u32) << (8 * byte);
-            }
-            plane += layout.vertex_plane_words;
+/// Turns the differences of a cluster's own normals into normals.
+fn normals<const N: usize>(
+    values: &mut [Lanes<N>],
+    sources: &[u32],
+    triangles: impl Iterator<Item = [u8; 3]>,
+    shift: u32,
+) {
+    let mut places = [[0i32; 4]; MAX_CLUSTER_VERTICES];
+    for (place, value) in places.iter_mut().zip(values.iter()) {
+        for axis in 0..3 {
+            place[axis] = (value[axis] >> shift) as i32;
         }
     }
-    for lanes in &mut all {
-        *lanes = lanes.map(signed);
+    let mut sums = [[0i32; 4]; MAX_CLUSTER_VERTICES];
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|vertex| &places[vertex as usize]);
+        let normal = triangle_normal(a, b, c);
+        for vertex in triangle {
+            let sum = &mut sums[vertex as usize];
+            *sum = std::array::from_fn(|axis| sum[axis].wrapping_add(normal[axis]));
+        }
     }
-    all
+    for ((&source, value), &[x, y, z, _]) in sources.iter().zip(values).zip(&sums) {
+        if source >> word::KIND_SHIFT > word::ANEW {
+            continue;
+        }
+        for (axis, expected) in on_octahedron([x, y, z]).into_iter().enumerate() {
+            let own = &mut value[field::NORMAL + axis];
+            *own = own.wrapping_add(expected) & ((1 << NORMAL_BITS) - 1);
+        }
+    }
+}
+
+/// The planes of some own vertices, from the page's number `first` on, as lanes.
+fn read_differences<const N: usize>(form: &DiskForm, first: usize, into: &mut [Lanes<N>]) {
+    let layout = form.layout();
+    let planes: &[u8] = bytemuck::cast_slice(&form.words[layout.vertex_planes..]);
+    let (mut next, count) = (first, into.len());
+    let mut plane = || {
+        let own = &planes[next..][..count];
+        next += 4 * layout.vertex_plane_words;
+        own
+    };
+    for (lane, &field_bytes) in layout.field_bytes.iter().enumerate().take(N) {
+        match field_bytes {
+            0 => into.iter_mut().for_each(|it| it[lane] = 0),
+            1 => {
+                for (it, &low) in into.iter_mut().zip(plane()) {
+                    it[lane] = signed(low as u32);
+                }
+            }
+            2 => {
+                let (low, high) = (plane(), plane());
+                for ((it, &low), &high) in into.iter_mut().zip(low).zip(high) {
+                    it[lane] = signed(u32::from_le_bytes([low, high, 0, 0]));
+                }
+            }
+            _ => {
+                let (low, middle, high) = (plane(), plane(), plane());
+                let bytes = low.iter().zip(middle).zip(high);
+                for (it, ((&low, &middle), &high)) in into.iter_mut().zip(bytes) {
+                    it[lane] = signed(u32::from_le_bytes([low, middle, high, 0]));
+                }
+            }
+        }
+    }
 }
 
 /// Writes a bit stream into words that are there.

@@ -7,8 +7,8 @@
 //! open the next triangle begins anew: an extra byte with a bit for each corner that is new, and one for each that is not.
 //! Vertices are numbered as they come.
 
-use super::digits::{DigitReader, DigitWriter};
-use crate::limits::MAX_CLUSTER_TRIANGLES;
+use super::digits::{DigitWriter, Digits};
+use crate::limits::{MAX_CLUSTER_TRIANGLES, MAX_CLUSTER_VERTICES};
 
 /// Beginning and end of an edge as the triangle beyond it has them, and the third corner on this side.
 pub(super) type Edge = [u8; 3];
@@ -29,17 +29,14 @@ pub(super) mod step {
 
 /// Steps, three to a byte.
 pub(super) type StepWriter = DigitWriter<5>;
-/// Reads them.
-pub(super) type StepReader<'a> = DigitReader<'a, 5>;
 
-/// No edge.
-const NONE: u8 = u8::MAX;
 /// Edges of one ring over time: three of its first triangle, one more with each other.
 const MOST_EDGES: usize = MAX_CLUSTER_TRIANGLES + 2;
 
-/// An edge of the ring, and its neighbours there.
-#[derive(Debug, Clone, Copy, Default)]
-struct Open {
+/// The edge that a step is about, and its neighbours in the ring. It is handed from step to step, so that it lies in registers.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Gate {
+    number: u8,
     from: u8,
     to: u8,
     opposite: u8,
@@ -47,263 +44,344 @@ struct Open {
     after: u8,
 }
 
-impl Open {
-    fn new([from, to, opposite]: Edge, before: u8, after: u8) -> Self {
-        Self {
-            from,
-            to,
-            opposite,
-            before,
-            after,
-        }
+impl Gate {
+    #[inline(always)]
+    pub fn edge(self) -> Edge {
+        [self.from, self.to, self.opposite]
+    }
+
+    /// Whether it begins and ends as a triangle does.
+    #[inline(always)]
+    pub fn is_below(self, triangle: [u8; 3]) -> bool {
+        self.from == triangle[0] && self.to == triangle[1]
     }
 }
 
-/// The open edges.
+/// The open edges; what it holds of the gate is old.
 #[derive(Debug)]
 pub(super) struct Ring {
-    edges: [Open; MOST_EDGES],
     count: u8,
-    gate: u8,
+    from: [u8; MOST_EDGES],
+    to: [u8; MOST_EDGES],
+    opposite: [u8; MOST_EDGES],
+    before: [u8; MOST_EDGES],
+    after: [u8; MOST_EDGES],
 }
 
 impl Default for Ring {
     fn default() -> Self {
         Self {
-            edges: [Open::default(); MOST_EDGES],
             count: 0,
-            gate: NONE,
+            from: [0; MOST_EDGES],
+            to: [0; MOST_EDGES],
+            opposite: [0; MOST_EDGES],
+            before: [0; MOST_EDGES],
+            after: [0; MOST_EDGES],
         }
     }
 }
 
+/// Steps take the gate and give the next one; none where the next triangle begins anew.
 impl Ring {
-    fn at(&self, edge: u8) -> Open {
-        self.edges[edge as usize]
-    }
-
-    /// The edge that the next step is about; `None` where the next triangle begins anew.
-    #[inline]
-    pub fn gate(&self) -> Option<Edge> {
-        (self.gate != NONE).then(|| {
-            let gate = self.at(self.gate);
-            [gate.from, gate.to, gate.opposite]
-        })
-    }
-
     /// Where the edge before the gate comes from, if the two meet.
-    #[inline]
-    pub fn third_before(&self) -> Option<u8> {
-        let gate = self.at(self.gate);
-        let before = self.at(gate.before);
-        (gate.before != self.gate && before.to == gate.from).then_some(before.from)
+    #[inline(always)]
+    pub fn third_before(&self, gate: Gate) -> Option<u8> {
+        let before = gate.before as usize;
+        let meets = gate.before != gate.number && self.to[before] == gate.from;
+        meets.then(|| self.from[before])
     }
 
     /// Where the edge after the gate leads to, if the two meet.
-    #[inline]
-    pub fn third_after(&self) -> Option<u8> {
-        let gate = self.at(self.gate);
-        let after = self.at(gate.after);
-        (gate.after != self.gate && after.from == gate.to).then_some(after.to)
+    #[inline(always)]
+    pub fn third_after(&self, gate: Gate) -> Option<u8> {
+        let after = gate.after as usize;
+        let meets = gate.after != gate.number && self.from[after] == gate.to;
+        meets.then(|| self.to[after])
     }
 
     /// The first triangle of a ring. None may be open.
-    pub fn begin(&mut self, [a, b, c]: [u8; 3]) {
-        self.edges[0] = Open::new([b, a, c], 2, 1);
-        self.edges[1] = Open::new([a, c, b], 0, 2);
-        self.edges[2] = Open::new([c, b, a], 1, 0);
-        (self.count, self.gate) = (3, 2);
+    pub fn begin(&mut self, [a, b, c]: [u8; 3]) -> Gate {
+        let edge = |number: u8, [from, to, opposite]: Edge| Gate {
+            number,
+            from,
+            to,
+            opposite,
+            before: (number + 2) % 3,
+            after: (number + 1) % 3,
+        };
+        self.count = 3;
+        self.store(edge(0, [b, a, c]));
+        self.store(edge(1, [a, c, b]));
+        edge(2, [c, b, a])
     }
 
     /// Nothing beyond the gate.
-    #[inline]
-    pub fn border(&mut self) {
-        let gate = self.gate;
-        self.gate = match self.at(gate).after {
-            after if after == gate => NONE,
-            after => after,
-        };
-        self.unlink(gate);
+    #[inline(always)]
+    pub fn border(&mut self, gate: Gate) -> Option<Gate> {
+        if gate.after == gate.number {
+            return None;
+        }
+        self.link(gate.before, gate.after);
+        Some(self.load(gate.after))
     }
 
     /// A triangle whose third corner is [`Self::third_before`].
-    #[inline]
-    pub fn before(&mut self) {
-        let Open { from, before, .. } = self.at(self.gate);
-        let third = self.at(before).from;
-        self.unlink(before);
-        let gate = &mut self.edges[self.gate as usize];
-        (gate.from, gate.opposite) = (third, from);
-        self.fold(self.gate);
+    #[inline(always)]
+    pub fn before(&mut self, mut gate: Gate) -> Option<Gate> {
+        let gone = gate.before;
+        gate.opposite = gate.from;
+        gate.from = self.from[gone as usize];
+        gate.before = self.before[gone as usize];
+        if gate.after == gone {
+            (gate.before, gate.after) = (gate.number, gate.number);
+        } else {
+            self.after[gate.before as usize] = gate.number;
+        }
+        self.fold(gate)
     }
 
     /// A triangle whose third corner is [`Self::third_after`].
-    #[inline]
-    pub fn after(&mut self) {
-        let Open { to, after, .. } = self.at(self.gate);
-        let third = self.at(after).to;
-        self.unlink(after);
-        let gate = &mut self.edges[self.gate as usize];
-        (gate.to, gate.opposite) = (third, to);
-        self.fold(self.gate);
+    #[inline(always)]
+    pub fn after(&mut self, mut gate: Gate) -> Option<Gate> {
+        let gone = gate.after;
+        gate.opposite = gate.to;
+        gate.to = self.to[gone as usize];
+        gate.after = self.after[gone as usize];
+        if gate.before == gone {
+            (gate.before, gate.after) = (gate.number, gate.number);
+        } else {
+            self.before[gate.after as usize] = gate.number;
+        }
+        self.fold(gate)
     }
 
     /// A triangle with a vertex that no open edge has: its edge from there on is the gate.
-    #[inline]
-    pub fn new_corner(&mut self, third: u8) {
-        let gate = self.gate;
-        let Open {
-            from, to, before, ..
-        } = self.at(gate);
+    #[inline(always)]
+    pub fn new_corner(&mut self, gate: Gate, third: u8) -> Gate {
         let left = self.count;
         self.count += 1;
-        self.edges[left as usize] = Open::new([from, third, to], before, gate);
-        self.edges[before as usize].after = left;
-        let own = &mut self.edges[gate as usize];
-        (own.from, own.opposite, own.before) = (third, from, left);
+        self.store(Gate {
+            number: left,
+            to: third,
+            opposite: gate.to,
+            after: gate.number,
+            ..gate
+        });
+        // A gate that is alone is before itself.
+        self.after[gate.before as usize] = left;
+        let is_alone = gate.before == gate.number;
+        Gate {
+            from: third,
+            opposite: gate.from,
+            before: left,
+            after: if is_alone { left } else { gate.after },
+            ..gate
+        }
     }
 
     /// A triangle with any vertex: the same, but its edges may meet their like.
-    pub fn far_corner(&mut self, third: u8) {
-        let (gate, left) = (self.gate, self.count);
-        self.new_corner(third);
-        self.fold(left);
-        if self.gate == gate {
-            self.fold(gate);
+    pub fn far_corner(&mut self, gate: Gate, third: u8) -> Option<Gate> {
+        let gate = self.new_corner(gate, third);
+        self.store(gate);
+        // The edge to the new corner folds as the gate does; the gate may go with it.
+        let left = self.load(gate.before);
+        match self.fold(left) {
+            Some(next) if next.number == left.number => self.fold(self.load(gate.number)),
+            Some(next) => {
+                self.store(next);
+                match self.is_beside(next, gate.number) {
+                    true => self.fold(self.load(gate.number)),
+                    false => Some(next),
+                }
+            }
+            None => None,
         }
     }
 
-    fn unlink(&mut self, edge: u8) {
-        let Open { before, after, .. } = self.at(edge);
-        self.edges[before as usize].after = after;
-        self.edges[after as usize].before = before;
+    /// Whether an edge is in the ring of another.
+    fn is_beside(&self, of: Gate, edge: u8) -> bool {
+        let mut at = of.number;
+        loop {
+            if at == edge {
+                return true;
+            }
+            at = self.after[at as usize];
+            if at == of.number {
+                return false;
+            }
+        }
     }
 
-    /// Closes an edge against the one after or before it, where that is the same edge from the other side.
-    #[inline]
-    fn fold(&mut self, edge: u8) {
-        let Open {
-            from,
-            to,
-            before,
-            after,
-            ..
-        } = self.at(edge);
-        for other in [after, before] {
-            let beside = self.at(other);
-            if other == edge || beside.from != to || beside.to != from {
-                continue;
-            }
-            let next = match after == other {
-                true => beside.after,
-                false => after,
-            };
-            self.unlink(other);
-            self.unlink(edge);
-            if self.gate == edge || self.gate == other {
-                let is_last = next == edge || next == other;
-                self.gate = if is_last { NONE } else { next };
-            }
-            return;
+    #[inline(always)]
+    fn store(&mut self, edge: Gate) {
+        let at = edge.number as usize;
+        self.from[at] = edge.from;
+        self.to[at] = edge.to;
+        self.opposite[at] = edge.opposite;
+        self.before[at] = edge.before;
+        self.after[at] = edge.after;
+    }
+
+    #[inline(always)]
+    fn load(&self, number: u8) -> Gate {
+        let at = number as usize;
+        Gate {
+            number,
+            from: self.from[at],
+            to: self.to[at],
+            opposite: self.opposite[at],
+            before: self.before[at],
+            after: self.after[at],
         }
+    }
+
+    /// Makes two edges neighbours.
+    #[inline(always)]
+    fn link(&mut self, before: u8, after: u8) {
+        self.after[before as usize] = after;
+        self.before[after as usize] = before;
+    }
+
+    /// Closes the gate against the edge after or before it, where that is the same edge from the other side; then the edge after
+    /// both is the gate.
+    #[inline(always)]
+    fn fold(&mut self, gate: Gate) -> Option<Gate> {
+        let is_reverse = |edge: u8| {
+            edge != gate.number
+                && self.from[edge as usize] == gate.to
+                && self.to[edge as usize] == gate.from
+        };
+        let [first, last] = if is_reverse(gate.after) {
+            [gate.before, self.after[gate.after as usize]]
+        } else if is_reverse(gate.before) {
+            [self.before[gate.before as usize], gate.after]
+        } else {
+            return Some(gate);
+        };
+        // Two edges alone: each is on both sides of the other.
+        if gate.before == gate.after {
+            return None;
+        }
+        self.link(first, last);
+        Some(self.load(last))
     }
 }
 
-/// What comes out, in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Event {
+/// What is made of the steps.
+pub(super) trait Triangles {
     /// The next vertex, beyond an edge or at a beginning.
-    Vertex(Option<Edge>),
-    Triangle([u8; 3]),
+    fn vertex(&mut self, beyond: Option<Edge>);
+    /// The next triangle.
+    fn triangle(&mut self, corners: [u8; 3]);
 }
 
-/// Vertices so far.
-#[derive(Debug, Default)]
-struct Numbers(usize);
+/// Steps and extra bytes as they are read. What is wrong is noted, and zeros are read on: a cluster has few triangles.
+#[derive(Debug)]
+pub(super) struct Steps<'a> {
+    pub digits: Digits,
+    pub extra: std::slice::Iter<'a, u8>,
+    pub wrong: Option<&'static str>,
+}
 
-impl Numbers {
+impl Steps<'_> {
+    #[cold]
+    fn refuse(&mut self, found: &'static str) {
+        self.wrong.get_or_insert(found);
+    }
+
+    fn extra(&mut self) -> u8 {
+        self.extra.next().copied().unwrap_or_else(|| {
+            self.wrong.get_or_insert("more extra bytes than there are");
+            0
+        })
+    }
+
+    /// The vertex that an extra byte names.
+    fn far(&mut self, vertices: usize) -> u8 {
+        let back = self.extra() as usize;
+        vertices.checked_sub(back + 1).map_or_else(
+            || {
+                self.refuse("an extra byte that names no vertex");
+                0
+            },
+            |vertex| vertex as u8,
+        )
+    }
+
+    /// Reads a cluster's triangles; gives the number of its vertices.
     #[inline]
-    fn next(&mut self) -> Result<u8, &'static str> {
-        self.0 += 1;
-        u8::try_from(self.0 - 1).map_err(|_| "more than 256 vertices")
-    }
-
-    fn far(&self, back: u8) -> Result<u8, &'static str> {
-        let vertex = self.0.checked_sub(back as usize + 1);
-        vertex
-            .map(|vertex| vertex as u8)
-            .ok_or("an extra byte that names no vertex")
-    }
-}
-
-/// Reads a cluster's triangles; gives the number of its vertices, or what is wrong. `each` may refuse.
-#[inline]
-pub(super) fn decode(
-    steps: &mut StepReader<'_>,
-    extra: &mut std::slice::Iter<'_, u8>,
-    triangles: u32,
-    mut each: impl FnMut(Event) -> Result<(), &'static str>,
-) -> Result<usize, &'static str> {
-    let mut ring = Ring::default();
-    let mut numbers = Numbers::default();
-    let mut far = || {
-        extra
-            .next()
-            .copied()
-            .ok_or("more extra bytes than there are")
-    };
-    let mut left = triangles;
-    while left > 0 {
-        let Some(gate) = ring.gate() else {
-            let new = far()?;
-            if new > 7 {
-                return Err("a beginning with spare bits");
-            }
-            let mut triangle = [0; 3];
-            for (corner, vertex) in triangle.iter_mut().enumerate() {
-                *vertex = if new >> corner & 1 == 1 {
-                    each(Event::Vertex(None))?;
-                    numbers.next()?
-                } else {
-                    numbers.far(far()?)?
-                };
-            }
-            ring.begin(triangle);
-            each(Event::Triangle(triangle))?;
-            left -= 1;
-            continue;
-        };
-        let third = match steps.next()? {
-            step::NEW => {
-                each(Event::Vertex(Some(gate)))?;
-                let third = numbers.next()?;
-                ring.new_corner(third);
-                third
-            }
-            step::BEFORE => {
-                let third = ring.third_before().ok_or("a gate that no edge leads to")?;
-                ring.before();
-                third
-            }
-            step::AFTER => {
-                let third = ring.third_after().ok_or("a gate that no edge follows")?;
-                ring.after();
-                third
-            }
-            step::FAR => {
-                let third = numbers.far(far()?)?;
-                ring.far_corner(third);
-                third
-            }
-            _ => {
-                ring.border();
+    pub fn read(&mut self, triangles: u32, into: &mut impl Triangles) -> usize {
+        let mut ring = Ring::default();
+        let mut gate = None;
+        let mut vertices = 0usize;
+        let mut left = triangles;
+        while left > 0 {
+            let Some(edge) = gate else {
+                gate = Some(ring.begin(self.begin(&mut vertices, into)));
+                left -= 1;
                 continue;
-            }
-        };
-        each(Event::Triangle([gate[0], gate[1], third]))?;
-        left -= 1;
+            };
+            let third = match self.digits.next() {
+                step::NEW => {
+                    into.vertex(Some(edge.edge()));
+                    let third = vertices as u8;
+                    vertices += 1;
+                    gate = Some(ring.new_corner(edge, third));
+                    third
+                }
+                step::BEFORE => {
+                    let Some(third) = ring.third_before(edge) else {
+                        self.refuse("a gate that no edge leads to");
+                        return vertices;
+                    };
+                    gate = ring.before(edge);
+                    third
+                }
+                step::AFTER => {
+                    let Some(third) = ring.third_after(edge) else {
+                        self.refuse("a gate that no edge follows");
+                        return vertices;
+                    };
+                    gate = ring.after(edge);
+                    third
+                }
+                step::BORDER => {
+                    gate = ring.border(edge);
+                    continue;
+                }
+                _ => {
+                    let third = self.far(vertices);
+                    gate = ring.far_corner(edge, third);
+                    third
+                }
+            };
+            into.triangle([edge.from, edge.to, third]);
+            left -= 1;
+        }
+        if vertices > MAX_CLUSTER_VERTICES {
+            self.refuse("more than 256 vertices");
+        }
+        vertices
     }
-    Ok(numbers.0)
+
+    fn begin(&mut self, vertices: &mut usize, into: &mut impl Triangles) -> [u8; 3] {
+        let new = self.extra();
+        if new > 7 {
+            self.refuse("a beginning with spare bits");
+        }
+        let mut triangle = [0; 3];
+        for (corner, vertex) in triangle.iter_mut().enumerate() {
+            *vertex = if new >> corner & 1 == 1 {
+                into.vertex(None);
+                *vertices += 1;
+                (*vertices - 1) as u8
+            } else {
+                self.far(*vertices)
+            };
+        }
+        into.triangle(triangle);
+        triangle
+    }
 }
 
 /// Writes triangles over vertices numbered as they come; gives the edge beyond which each vertex lies, where there is one.
@@ -313,13 +391,14 @@ pub(super) fn encode(
     extra: &mut Vec<u8>,
 ) -> Vec<Option<Edge>> {
     let mut ring = Ring::default();
+    let mut gate: Option<Gate> = None;
     let mut beyond: Vec<Option<Edge>> = Vec::with_capacity(256);
     for &triangle in triangles {
-        while ring.gate().is_some_and(|gate| gate[..2] != triangle[..2]) {
+        while let Some(edge) = gate.filter(|gate| !gate.is_below(triangle)) {
             steps.push(step::BORDER);
-            ring.border();
+            gate = ring.border(edge);
         }
-        let Some(gate) = ring.gate() else {
+        let Some(edge) = gate else {
             let at = extra.len();
             extra.push(0);
             for (corner, &vertex) in triangle.iter().enumerate() {
@@ -330,25 +409,25 @@ pub(super) fn encode(
                     extra.push((beyond.len() - 1) as u8 - vertex);
                 }
             }
-            ring.begin(triangle);
+            gate = Some(ring.begin(triangle));
             continue;
         };
         let third = triangle[2];
-        if third as usize == beyond.len() {
-            beyond.push(Some(gate));
+        gate = if third as usize == beyond.len() {
+            beyond.push(Some(edge.edge()));
             steps.push(step::NEW);
-            ring.new_corner(third);
-        } else if ring.third_before() == Some(third) {
+            Some(ring.new_corner(edge, third))
+        } else if ring.third_before(edge) == Some(third) {
             steps.push(step::BEFORE);
-            ring.before();
-        } else if ring.third_after() == Some(third) {
+            ring.before(edge)
+        } else if ring.third_after(edge) == Some(third) {
             steps.push(step::AFTER);
-            ring.after();
+            ring.after(edge)
         } else {
             steps.push(step::FAR);
             extra.push((beyond.len() - 1) as u8 - third);
-            ring.far_corner(third);
-        }
+            ring.far_corner(edge, third)
+        };
     }
     beyond
 }
@@ -391,23 +470,41 @@ mod tests {
         all
     }
 
+    #[derive(Default)]
+    struct Read {
+        triangles: Vec<[u8; 3]>,
+        beyond: Vec<Option<Edge>>,
+    }
+
+    impl Triangles for Read {
+        fn vertex(&mut self, beyond: Option<Edge>) {
+            self.beyond.push(beyond);
+        }
+
+        fn triangle(&mut self, corners: [u8; 3]) {
+            self.triangles.push(corners);
+        }
+    }
+
+    fn steps_of<'a>(steps: &StepWriter, extra: &'a [u8]) -> Steps<'a> {
+        Steps {
+            digits: Digits::new::<5>(&steps.bytes).unwrap(),
+            extra: extra.iter(),
+            wrong: None,
+        }
+    }
+
     fn comes_back(ordered: &Cluster) {
         let (mut steps, mut extra) = (StepWriter::default(), Vec::new());
         let expected = encode(&ordered.triangles, &mut steps, &mut extra);
-        let (mut read, mut beyond) = (Vec::new(), Vec::new());
-        let (mut reader, mut bytes) = (StepReader::new(&steps.bytes), extra.iter());
-        let count = ordered.triangles.len() as u32;
-        let vertices = decode(&mut reader, &mut bytes, count, |event| {
-            match event {
-                Event::Triangle(triangle) => read.push(triangle),
-                Event::Vertex(edge) => beyond.push(edge),
-            }
-            Ok(())
-        });
-        assert_eq!(vertices, Ok(ordered.positions.len()));
-        assert_eq!((reader.finish(), bytes.len()), (Ok(()), 0));
-        assert_eq!(read, ordered.triangles);
-        assert_eq!(beyond, expected);
+        let mut read = Read::default();
+        let mut reader = steps_of(&steps, &extra);
+        let vertices = reader.read(ordered.triangles.len() as u32, &mut read);
+        assert_eq!(vertices, ordered.positions.len());
+        assert_eq!((reader.wrong, reader.extra.len()), (None, 0));
+        assert_eq!(reader.digits.finish(), Ok(()));
+        assert_eq!(read.triangles, ordered.triangles);
+        assert_eq!(read.beyond, expected);
     }
 
     proptest! {
@@ -452,20 +549,17 @@ mod tests {
     #[test]
     fn a_closed_piece_leaves_no_edge_open() {
         let tetrahedron = vec![[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]];
+        let [first, ..] = tetrahedron[..] else {
+            unreachable!("four");
+        };
         let mut ring = Ring::default();
-        let ordered = canonical(&cluster(4, tetrahedron));
-        ring.begin(ordered.triangles[0]);
-        for triangle in &ordered.triangles[1..] {
-            let third = triangle[2];
-            match () {
-                () if third == 3 && triangle[..2] != [0, 0] && ring.count == 3 => {
-                    ring.new_corner(third);
-                }
-                () if ring.third_before() == Some(third) => ring.before(),
-                () => ring.after(),
-            }
-        }
-        assert_eq!(ring.gate(), None);
+        let gate = ring.begin(first);
+        let gate = ring.new_corner(gate, 3);
+        let gate = ring.third_after(gate).and_then(|_| ring.after(gate));
+        let last = gate.expect("one triangle is missing");
+        assert!(ring.third_before(last).is_some());
+        assert!(ring.before(last).is_none());
+        comes_back(&canonical(&cluster(4, tetrahedron)));
     }
 
     #[test]
@@ -473,8 +567,10 @@ mod tests {
         let refused = |digits: &[u8], extra: &[u8]| {
             let mut steps = StepWriter::default();
             digits.iter().for_each(|&digit| steps.push(digit));
-            let mut reader = StepReader::new(&steps.bytes);
-            decode(&mut reader, &mut extra.iter(), 128, |_| Ok(())).unwrap_err()
+            let mut reader = steps_of(&steps, extra);
+            reader.read(128, &mut Read::default());
+            let left = reader.digits.finish().err();
+            reader.wrong.or(left).unwrap()
         };
         assert!(refused(&[], &[]).contains("more extra bytes"));
         assert!(refused(&[], &[6]).contains("more extra bytes"));
@@ -487,7 +583,7 @@ mod tests {
         assert!(refused(&cut, &[7]).contains("no edge leads to"));
         let cut = [step::BORDER, step::BORDER, step::AFTER];
         assert!(refused(&cut, &[7]).contains("no edge follows"));
-        let beginnings: Vec<u8> = [step::BORDER; 3].repeat(90);
-        assert!(refused(&beginnings, &[7; 90]).contains("256 vertices"));
+        let beginnings: Vec<u8> = [step::BORDER; 3].repeat(128);
+        assert!(refused(&beginnings, &[7; 128]).contains("256 vertices"));
     }
 }
