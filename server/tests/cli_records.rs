@@ -424,7 +424,7 @@ fn the_builder_version_goes_with_the_bytes() {
         ),
         (
             6,
-            "0461731e150ad4f5f1ce5cf5075c1fe78877ec84937c4dc332d8d8fb4cb6357d"
+            "f2f400073216417629c1913443a678623aff610164945ccf901a8530efed87f3"
         ),
     );
 }

@@ -32,6 +32,8 @@ pub use sources::{Parent, word as source_word};
 
 use crate::cluster::Attributes;
 use crate::memory_form::{CLUSTER_HEADER_WORDS, ClusterHeader, cluster_word};
+pub use stored::{Part, sections};
+
 use stored::Counts;
 
 /// "LSD4".

@@ -1,6 +1,7 @@
 //! Where the sections of the stored bytes lie, and the columns and planes in them.
 
-use super::{FIELDS, HEADER_WORDS, Layout, header_word};
+use super::{FIELDS, HEADER_WORDS, Layout, field, header_word};
+use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
 use crate::limits::{MAX_DISK_FORM_BYTES, PAGE_WORDS};
 use crate::memory_form::{CLUSTER_HEADER_WORDS, ClusterHeader, cluster_word};
@@ -275,6 +276,71 @@ impl Stored {
             bytes[self.tables + 4 * word..][..4].copy_from_slice(&table.to_le_bytes());
         }
     }
+}
+
+/// What the bytes of a section are about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Part {
+    /// Header, cluster headers, material tables.
+    Metadata,
+    /// Which triangles there are.
+    Topology,
+    /// Where repeated and inherited vertices come from.
+    References,
+    /// Positions of own vertices.
+    Positions,
+    /// Their normals.
+    Normals,
+    /// Their texture coordinates.
+    Uvs,
+    /// Their colours.
+    Colors,
+}
+
+/// The sections of a disk form, planes apart: what they are about and how many bytes each has, in order.
+///
+/// # Errors
+/// A header that does not give the length of the words.
+pub fn sections(words: &[u32]) -> Result<Vec<(Part, usize)>, FormatError> {
+    let header = words.get(..HEADER_WORDS).ok_or_else(|| {
+        FormatError::new(
+            "disk form words",
+            format!("at least {HEADER_WORDS}"),
+            words.len(),
+        )
+    })?;
+    let counts = Counts::read(header)?;
+    let attributes = Attributes(header[header_word::ATTRIBUTES]);
+    let layout = Layout::new(attributes, &counts, header[header_word::PLANE_WIDTHS]);
+    let stored = Stored::new(counts, &layout.field_bytes);
+    ensure(
+        stored.bytes == 4 * words.len(),
+        "disk form bytes",
+        stored.bytes,
+        4 * words.len(),
+    )?;
+    let mut sections = vec![
+        (Part::Metadata, 4 * HEADER_WORDS),
+        (Part::Metadata, stored.parents - 4 * HEADER_WORDS),
+        (Part::References, stored.steps - stored.parents),
+        (Part::Topology, stored.extra - stored.steps),
+        (Part::Topology, stored.kinds - stored.extra),
+        (Part::References, stored.repeated - stored.kinds),
+    ];
+    sections.extend([(Part::References, padded(counts.repeated)); 3]);
+    sections.extend([(Part::References, padded(counts.inherited)); 2]);
+    for (number, &field_bytes) in layout.field_bytes.iter().enumerate() {
+        let part = match number {
+            field::COLOR.. => Part::Colors,
+            field::UV.. => Part::Uvs,
+            field::NORMAL.. => Part::Normals,
+            _ => Part::Positions,
+        };
+        let plane = (part, padded(counts.own()));
+        sections.extend(std::iter::repeat_n(plane, field_bytes));
+    }
+    sections.push((Part::Metadata, stored.bytes - stored.tables));
+    Ok(sections)
 }
 
 /// What [`Stored::write`] puts in place.

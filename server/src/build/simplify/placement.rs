@@ -11,7 +11,19 @@ const HOLD: f32 = 1e-3;
 /// A place moves no farther than this share of its shortest edge.
 const FARTHEST: f32 = 0.5;
 
-/// Moves places that something collapsed onto; seams, open edges and locked places stay.
+/// Share of the places that something collapsed onto that move: those that gain most. What stays is a vertex of the
+/// finer level too and need not be stored again. Half of them give nine tenths of what all give.
+const MOVED: f64 = 0.5;
+
+/// A place that may move.
+struct Candidate {
+    place: u16,
+    /// By how much its quadric is less there.
+    gain: f32,
+    offset: [f32; 3],
+}
+
+/// Moves places that something collapsed onto, where it gains most; seams, open edges and locked places stay.
 pub(super) fn place<const L: usize>(
     state: &mut Collapser<L>,
     mesh: &mut GroupMesh,
@@ -20,23 +32,11 @@ pub(super) fn place<const L: usize>(
 ) {
     let uv_base = mesh.uv_base();
     let mut star: Vec<[[f32; 3]; 2]> = Vec::new();
-    for place in 0..mesh.positions.len() {
-        let here = place as u16;
+    for Candidate { place, offset, .. } in worth_most(candidates(state, mesh)) {
         let vertex = mesh.welder.first_vertex(place as u32) as usize;
-        let alone = state.ring[vertex] as usize == vertex && state.uses[vertex] > 0;
-        if !alone || mesh.rules[place] != FREE || !state.has_taken(here) {
-            continue;
-        }
-        let mut quadric = state.quadrics[place];
-        if L > 0 {
-            quadric.add(&state.attribute_quadrics[vertex].following());
-        }
-        let Some(mut offset) = least(&quadric) else {
-            continue;
-        };
-        let at = mesh.positions[place];
+        let at = mesh.positions[place as usize];
         star.clear();
-        star.extend(state.star(here).map(|(triangle, k)| {
+        star.extend(state.star(place).map(|(triangle, k)| {
             let vertices = state.corners[triangle];
             [1, 2].map(|step| {
                 let vertex = vertices[(k + step) % 3] as usize;
@@ -49,10 +49,8 @@ pub(super) fn place<const L: usize>(
         });
         let most = FARTHEST * nearest.fold(f32::INFINITY, f32::min).sqrt();
         let length = dot(offset, offset).sqrt();
-        if length > most {
-            offset = offset.map(|value| value * (most / length));
-        }
-        let wanted = std::array::from_fn(|axis| at[axis] + offset[axis]);
+        let share = if length > most { most / length } else { 1.0 };
+        let wanted = std::array::from_fn(|axis| at[axis] + share * offset[axis]);
         let q = mesh.on_grid(wanted);
         let moved = mesh.local(q);
         if q == mesh.welder.vertices[vertex].0.position
@@ -68,8 +66,37 @@ pub(super) fn place<const L: usize>(
             mesh.set_attributes(grids, weights, uv_base, vertex, &value);
         }
         mesh.welder.vertices[vertex].0.position = q;
-        mesh.positions[place] = moved;
+        mesh.positions[place as usize] = moved;
     }
+}
+
+fn candidates<const L: usize>(state: &Collapser<L>, mesh: &GroupMesh) -> Vec<Candidate> {
+    let candidate = |place: usize| {
+        let vertex = mesh.welder.first_vertex(place as u32) as usize;
+        let alone = state.ring[vertex] as usize == vertex && state.uses[vertex] > 0;
+        if !alone || mesh.rules[place] != FREE || !state.has_taken(place as u16) {
+            return None;
+        }
+        let mut quadric = state.quadrics[place];
+        if L > 0 {
+            quadric.add(&state.attribute_quadrics[vertex].following());
+        }
+        let offset = least(&quadric)?;
+        Some(Candidate {
+            place: place as u16,
+            gain: quadric.at([0.0; 3]) - quadric.at(offset),
+            offset,
+        })
+    };
+    (0..mesh.positions.len()).filter_map(candidate).collect()
+}
+
+/// The [`MOVED`] share of the candidates with the largest gains, by place.
+fn worth_most(mut candidates: Vec<Candidate>) -> Vec<Candidate> {
+    candidates.sort_unstable_by(|a, b| b.gain.total_cmp(&a.gain).then(a.place.cmp(&b.place)));
+    candidates.truncate((candidates.len() as f64 * MOVED).ceil() as usize);
+    candidates.sort_unstable_by_key(|candidate| candidate.place);
+    candidates
 }
 
 /// Where a quadric is least, held a little at its own point; `None` where it says nothing.
