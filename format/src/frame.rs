@@ -45,8 +45,7 @@ pub fn encode(words: &[u32], codec: Codec) -> Result<Vec<u8>, FormatError> {
     let bytes: &[u8] = bytemuck::cast_slice(words);
     let packed = match codec {
         Codec::None => bytes.to_vec(),
-        Codec::Zstd => zstd_blocks(bytes, &blocks(words))
-            .map_err(|error| FormatError::new("zstd", "to compress", error))?,
+        Codec::Zstd => zstd_blocks(bytes, &blocks(words), |_| ())?,
         Codec::Lz4 => lz4_flex::block::compress(bytes),
     };
     let (codec, packed) = if packed.len() < bytes.len() {
@@ -69,18 +68,51 @@ fn blocks(words: &[u32]) -> Vec<usize> {
     }
 }
 
-fn zstd_blocks(bytes: &[u8], blocks: &[usize]) -> std::io::Result<Vec<u8>> {
-    let mut encoder = zstd::Encoder::new(Vec::with_capacity(bytes.len() / 2), ZSTD_LEVEL)?;
-    encoder.set_pledged_src_size(Some(bytes.len() as u64))?;
-    encoder.include_contentsize(true)?;
-    let mut rest = bytes;
-    for &block in blocks.iter().filter(|&&block| block > 0) {
-        let (own, more) = rest.split_at(block);
-        encoder.write_all(own)?;
-        encoder.flush()?;
-        rest = more;
+/// `each` hears how many bytes the frame has after each block.
+fn zstd_blocks(
+    bytes: &[u8],
+    blocks: &[usize],
+    mut each: impl FnMut(usize),
+) -> Result<Vec<u8>, FormatError> {
+    let mut compress = || {
+        let mut encoder = zstd::Encoder::new(Vec::with_capacity(bytes.len() / 2), ZSTD_LEVEL)?;
+        encoder.set_pledged_src_size(Some(bytes.len() as u64))?;
+        encoder.include_contentsize(true)?;
+        let mut rest = bytes;
+        for &block in blocks {
+            let (own, more) = rest.split_at(block);
+            if block > 0 {
+                encoder.write_all(own)?;
+                encoder.flush()?;
+            }
+            each(encoder.get_ref().len());
+            rest = more;
+        }
+        encoder.finish()
+    };
+    compress().map_err(|error: std::io::Error| FormatError::new("zstd", "to compress", error))
+}
+
+/// Bytes that each section of a disk form takes in its frame, compressed with [`Codec::Zstd`]; the frame's own go to the first.
+///
+/// # Errors
+/// Words that are no disk form.
+pub fn section_bytes(words: &[u32]) -> Result<Vec<(disk_form::Part, usize)>, FormatError> {
+    let sections = disk_form::sections(words)?;
+    let blocks: Vec<usize> = sections.iter().map(|&(_, bytes)| bytes).collect();
+    let mut ends = Vec::with_capacity(blocks.len());
+    let bytes = bytemuck::cast_slice(words);
+    let frame = zstd_blocks(bytes, &blocks, |end| ends.push(end))?;
+    let mut before = 0;
+    let mut sizes: Vec<(disk_form::Part, usize)> = sections
+        .iter()
+        .zip(ends)
+        .map(|(&(part, _), end)| (part, end - std::mem::replace(&mut before, end)))
+        .collect();
+    if let Some((_, first)) = sizes.first_mut() {
+        *first += HEADER_BYTES + frame.len() - before;
     }
-    encoder.finish()
+    Ok(sizes)
 }
 
 /// Decompresses a frame to the words of a disk form, which still has to be parsed.

@@ -6,8 +6,10 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use lodestream_loadtests::build::inputs::Generated;
 use lodestream_loadtests::build::rows::Builder;
 use lodestream_loadtests::build::target::{MeshesOf, Part};
+use lodestream_loadtests::pages::Step;
 use lodestream_loadtests::policies::PolicyName;
 use lodestream_loadtests::record::TraceFormat;
+use lodestream_server::build::Placement;
 
 /// Load tests, eviction policies and sample scenes for Lodestream; needs no GPU.
 #[derive(Debug, Parser)]
@@ -53,6 +55,8 @@ pub enum Command {
     Build(Build),
     /// Measure a scene that a library holds against its own finest level: what groups promise, levels, open edges.
     Measure(Measure),
+    /// What pages cost: stored bytes over position steps and placements, part by part, beside the same mesh without levels.
+    Pages(Pages),
     /// Peak memory of one build; what `build` runs for each of its rows.
     #[command(hide = true)]
     BuildMemory(BuildMemory),
@@ -256,6 +260,28 @@ pub struct Measure {
     pub samples: usize,
 }
 
+/// Arguments of `pages`.
+#[derive(Debug, Args)]
+pub struct Pages {
+    /// .glb or .gltf files.
+    #[arg(value_name = "INPUT", required_unless_present = "generate")]
+    pub inputs: Vec<PathBuf>,
+    /// Made inputs, as SHAPE:TRIANGLES; shapes are torus, sphere, charts, facet, foliage.
+    #[arg(long, value_name = "SHAPE:N", num_args = 1..)]
+    pub generate: Vec<Generated>,
+    /// Position steps: auto, or bits of the largest side of a mesh, 8 to 22.
+    #[arg(
+        long,
+        value_name = "auto|N[,...]",
+        value_delimiter = ',',
+        default_value = "auto,14"
+    )]
+    pub bits: Vec<Step>,
+    /// Placements: optimal, subset.
+    #[arg(long, value_name = "A[,B]", value_delimiter = ',', default_value = "optimal,subset", value_parser = placement)]
+    pub placement: Vec<Placement>,
+}
+
 /// Arguments of `build-memory`.
 #[derive(Debug, Args)]
 pub struct BuildMemory {
@@ -389,5 +415,13 @@ mod tests {
         ] {
             assert!(!parses(line), "{line}");
         }
+    }
+}
+
+fn placement(text: &str) -> Result<Placement, String> {
+    match text {
+        "optimal" => Ok(Placement::Optimal),
+        "subset" => Ok(Placement::Subset),
+        _ => Err(format!("expected optimal or subset, found {text:?}")),
     }
 }

@@ -13,6 +13,7 @@ use lodestream_loadtests::build::study::{self, StudyOptions as BuildStudyOptions
 use lodestream_loadtests::build::target::{MeshesOf, StudyError};
 use lodestream_loadtests::compare::{self, CompareError, DepthImage, Picture};
 use lodestream_loadtests::load::{self, LoadError, LoadOptions};
+use lodestream_loadtests::pages::{self, PagesOptions};
 use lodestream_loadtests::policies::{self, LinkSpeed, StudyOptions};
 use lodestream_loadtests::record::{self, RecordError};
 use lodestream_loadtests::report::{self, ReportError};
@@ -23,8 +24,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::cli::{
-    Build, BuildMemory, Cli, Command, Common, Compare, Load, Measure, Policies, Record, Sample,
-    TransportName,
+    Build, BuildMemory, Cli, Command, Common, Compare, Load, Measure, Pages, Policies, Record,
+    Sample, TransportName,
 };
 
 const MEBIBYTE: u64 = 1 << 20;
@@ -99,6 +100,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Compare(files) => compare_pictures(&files)?,
         Command::Build(arguments) => return compare_builders(arguments, &cli.common),
         Command::Measure(arguments) => return measure_stored(&arguments, &cli.common),
+        Command::Pages(arguments) => return measure_pages(arguments, &cli.common),
         Command::BuildMemory(arguments) => return build_memory(arguments),
         Command::Stability { full, case } => return measure_stability(full, &case, &cli.common),
         Command::Report { folder } => json!({ "page": report::write(&folder)? }),
@@ -132,6 +134,19 @@ fn measure_stored(arguments: &Measure, common: &Common) -> Result<(), CommandErr
     let stored = stored::measure(&library, &arguments.scene, largest, samples);
     let stored = runtime.block_on(stored)?;
     finish_text(&build_print::stored(&stored), &value(&stored), common)
+}
+
+fn measure_pages(arguments: Pages, common: &Common) -> Result<(), CommandError> {
+    let files = arguments.inputs.into_iter().map(MeshesOf::File);
+    let generated = arguments.generate.into_iter().map(MeshesOf::Generated);
+    let options = PagesOptions {
+        inputs: files.chain(generated).collect(),
+        steps: arguments.bits,
+        placements: arguments.placement,
+    };
+    let rows = pages::study(&options, |input| tracing::info!("building {input}"))?;
+    let figures = json!({ "rows": value(&rows) });
+    finish_text(&build_print::pages(&rows), &figures, common)
 }
 
 fn build_memory(arguments: BuildMemory) -> Result<(), CommandError> {

@@ -4,6 +4,7 @@
 pub mod build;
 pub mod compare;
 pub mod load;
+pub mod pages;
 pub mod percentiles;
 pub mod policies;
 pub mod record;

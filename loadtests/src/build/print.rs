@@ -7,6 +7,7 @@ use super::curves::CutFigures;
 use super::stability::Stability;
 use super::stored::Stored;
 use super::study::{Promises, Study};
+use crate::pages::Row;
 use crate::report::number;
 
 /// A column: heading, and the key in a row of figures.
@@ -190,6 +191,49 @@ pub fn stored(stored: &Stored) -> String {
     for row in &stored.rows {
         text += &levels(&row.input, "stored", &row.level_cuts);
     }
+    text
+}
+
+/// What pages cost.
+pub fn pages(rows: &[Row]) -> String {
+    let mut text = table(
+        "stored bytes",
+        &[
+            ("input", "input"),
+            ("bits", "bits"),
+            ("placement", "placement"),
+            ("error px", "error_px"),
+            ("triangles", "source_triangles"),
+            ("B/input", "stored_per_input"),
+            ("B/dag", "stored_per_dag"),
+            ("whole mesh", "whole_mesh_per_input"),
+            ("memory B/dag", "memory_per_dag"),
+            ("slack", "slack"),
+            ("vtx/tri", "vertices_per_triangle"),
+            ("own", "own_share"),
+            ("repeated", "repeated_share"),
+            ("inherited", "inherited_share"),
+            ("refused", "refused"),
+        ],
+        rows,
+    );
+    text += &table(
+        "\nbits of a triangle of all levels",
+        &[
+            ("input", "input"),
+            ("bits", "bits"),
+            ("placement", "placement"),
+            ("topology", "topology_bits"),
+            ("references", "references_bits"),
+            ("positions", "positions_bits"),
+            ("normals", "normals_bits"),
+            ("uvs", "uvs_bits"),
+            ("colours", "colors_bits"),
+            ("metadata", "metadata_bits"),
+            ("hierarchy", "hierarchy_bits"),
+        ],
+        rows,
+    );
     text
 }
 
