@@ -32,5 +32,7 @@ rm -f "$out"/*.pfm
 "$loadtests" build "$out/belweder.glb" "$out/rock.glb" --generate torus:100000 sphere:100000 charts:30000 facet:30000 foliage:30000 \
   --largest 1 --runs 3 --samples 100000 --report "$out/builders-all.json"
 "$loadtests" build --generate torus:30000 --no-memory --knobs --samples 100000 --report "$out/builders-knobs.json" --quiet
+"$loadtests" pages "$out/belweder.glb" "$out/rock.glb" --report "$out/pages-all.json"
+"$loadtests" pages --generate torus:100000 --bits 10,11,12,13,14,15,16,17,18,19,20 --report "$out/pages-bits.json" --quiet
 "$loadtests" stability --report "$out/stability-all.json" || echo "some rows of the stability table do not hold"
 "$loadtests" report "$out"

@@ -1,9 +1,10 @@
 //! `report FOLDER`: the JSON files that the other commands wrote become one self-contained page of plots and tables.
 //!
 //! Files are told apart by their names: `build-*.json` (ingest), `draw-*.json` (render), `compare-*.json`, `play-*.json`,
-//! `policies-*.json`, `load-*.json`, `builders-*.json` (`build`), `stability-*.json`; pictures are `*.png`. A section without files is left out.
+//! `policies-*.json`, `load-*.json`, `builders-*.json` (`build`), `pages-*.json`, `stability-*.json`; pictures are `*.png`. A section without files is left out.
 
 mod builders;
+mod pages;
 mod plot;
 mod sections;
 mod stability;

@@ -2,13 +2,14 @@
 
 use std::fmt::Write;
 
-use super::{Plot, Run, Runs, Series, builders, escape, number, stability};
+use super::{Plot, Run, Runs, Series, builders, escape, number, pages, stability};
 
 /// The sections in order.
-pub(super) const ALL: [fn(&Runs) -> String; 9] = [
+pub(super) const ALL: [fn(&Runs) -> String; 10] = [
     pictures,
     build,
     builders::section,
+    pages::section,
     stability::section,
     draw,
     stream,
