@@ -7,7 +7,7 @@ use crate::memory_form::{
 };
 use crate::octahedral::NORMAL_BITS;
 
-/// Random access into one cluster of a memory form that this program wrote (by [`encode`] or by a checked transcode).
+/// Random access into one cluster of a memory form that this program wrote (by [`crate::memory_form::encode`] or from a checked disk form).
 /// Reads past the words give zeros.
 #[derive(Debug, Clone, Copy)]
 pub struct ClusterView<'a> {

@@ -5,14 +5,16 @@ use std::collections::BTreeMap;
 
 use crate::asset::Asset;
 use crate::disk_form::{self, DiskForm};
-use crate::error::{FormatError, ensure};
+use crate::error::FormatError;
 
-/// Pages in memory form, as long as a page to come depends on them.
+/// Pages in memory form, as long as a page to come depends on them: of a whole asset about a quarter, those of the level
+/// above the one that is read.
 #[derive(Debug, Clone)]
 pub struct PageReader {
     /// For each page the last that depends on it; itself where none does.
     last_dependent: Vec<u32>,
-    pages: BTreeMap<u32, Vec<u32>>,
+    /// By that page, then their own.
+    pages: BTreeMap<(u32, u32), Vec<u32>>,
 }
 
 impl PageReader {
@@ -37,20 +39,19 @@ impl PageReader {
     pub fn read(&mut self, form: &DiskForm) -> Result<&[u32], FormatError> {
         let page = form.page();
         let pages = self.last_dependent.len();
-        ensure(
-            (page as usize) < pages,
-            "page",
-            format_args!("below {pages}"),
-            page,
-        )?;
+        let Some(&last) = self.last_dependent.get(page as usize) else {
+            return Err(FormatError::new("page", format!("below {pages}"), page));
+        };
         let words = disk_form::memory_form(form, |parent| self.page(parent))?;
-        let last = &self.last_dependent;
-        self.pages.retain(|&kept, _| last[kept as usize] > page);
-        Ok(self.pages.entry(page).or_insert(words))
+        self.pages = self.pages.split_off(&(page + 1, 0));
+        let slot = self.pages.entry((last, page)).or_default();
+        *slot = words;
+        Ok(slot)
     }
 
     /// A page that was read and is still needed.
     pub fn page(&self, page: u32) -> Option<&[u32]> {
-        self.pages.get(&page).map(Vec::as_slice)
+        let last = *self.last_dependent.get(page as usize)?;
+        self.pages.get(&(last, page)).map(Vec::as_slice)
     }
 }

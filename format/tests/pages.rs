@@ -195,6 +195,47 @@ fn a_border_is_stored_once() {
     assert!(error.contains("earlier round"), "{error}");
 }
 
+/// As many triangles, vertices and bits as there can be.
+#[test]
+fn the_largest_cluster_comes_back() {
+    let spread = |vertex: i32, by: i32| (vertex * by) % 256 * ((1 << 24) / 256 + 1) % (1 << 24);
+    let vertices = 0..256i32;
+    let mut cluster = Cluster {
+        positions: vertices
+            .clone()
+            .map(|v| [spread(v, 1), spread(v, 3), spread(v, 5)].map(|x| x - (1 << 23)))
+            .collect(),
+        normals: vertices
+            .clone()
+            .map(|v| [v as u16 * 4, 1023 - v as u16])
+            .collect(),
+        uvs: vertices
+            .clone()
+            .map(|v| [spread(v, 7), spread(v, 9)])
+            .collect(),
+        colors: vertices
+            .map(|v| [v as u8, 255 - v as u8, v as u8 ^ 85, v as u8 ^ 170])
+            .collect(),
+        triangles: (0..128u8)
+            .map(|t| [2 * t, 2 * t + 1, t.wrapping_mul(37)])
+            .collect(),
+        materials: vec![MaterialRange {
+            slot: 0,
+            triangle_count: 128,
+        }],
+        ..Cluster::default()
+    };
+    // Both ends, so that every coordinate needs its 24 bits.
+    cluster.positions[0] = [-(1 << 23); 3];
+    cluster.positions[255] = [(1 << 23) - 1; 3];
+    (cluster.uvs[0], cluster.uvs[255]) = ([0; 2], [(1 << 24) - 1; 2]);
+    let disk = disk_form::encode(std::slice::from_ref(&cluster), ALL, 0, &[]).unwrap();
+    let form = DiskForm::parse(disk).unwrap();
+    assert_eq!(form.headers()[0].vertex_bits(ALL), 5 * 24 + 20 + 32);
+    let expected = memory_form::encode(&[disk_form::canonical(&cluster)], ALL, 0).unwrap();
+    assert_eq!(restored(&form), expected);
+}
+
 #[test]
 fn every_truncation_and_extension_is_rejected() {
     let disk = fixed_page();

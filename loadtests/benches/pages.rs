@@ -91,7 +91,7 @@ fn all(criterion: &mut Criterion) {
         let built = name
             .parse::<Generated>()
             .map_err(Into::into)
-            .and_then(|input| Ok(build(&input.mesh(), &BuildOptions::default())?))
+            .and_then(|input| Ok(build(input.mesh(), &BuildOptions::default())?))
             .and_then(|built| Pages::of(&built));
         let pages = match built {
             Ok(pages) => pages,

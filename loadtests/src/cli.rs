@@ -364,6 +364,14 @@ fn rate(text: &str) -> Result<f64, String> {
     })
 }
 
+fn placement(text: &str) -> Result<Placement, String> {
+    match text {
+        "optimal" => Ok(Placement::Optimal),
+        "subset" => Ok(Placement::Subset),
+        _ => Err(format!("expected optimal or subset, found {text:?}")),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use clap::{CommandFactory, Parser};
@@ -415,13 +423,5 @@ mod tests {
         ] {
             assert!(!parses(line), "{line}");
         }
-    }
-}
-
-fn placement(text: &str) -> Result<Placement, String> {
-    match text {
-        "optimal" => Ok(Placement::Optimal),
-        "subset" => Ok(Placement::Subset),
-        _ => Err(format!("expected optimal or subset, found {text:?}")),
     }
 }

@@ -41,6 +41,51 @@ fn ply(path: &Path) -> (usize, f64) {
     (faces, area.sum())
 }
 
+/// Flat beside rough, over many pages: a rough part is refined whose page also holds flat groups, and what those inherit from lies in
+/// pages that hold nothing refined.
+#[test]
+fn a_cut_of_flat_and_rough_ground_is_exported() {
+    const SIDE: u32 = 360;
+    let folder = tempfile::tempdir().unwrap();
+    let [model, library, out] =
+        ["ground.obj", "library", "cut.ply"].map(|it| folder.path().join(it));
+    let mut obj = String::new();
+    let places = (0..=SIDE).flat_map(|y| (0..=SIDE).map(move |x| (x, y)));
+    for (x, y) in places {
+        // Small islands of noise in a plain.
+        let rough = x % 120 < 14 && y % 120 < 14;
+        let noise = (x * 7_919 + y * 104_729) % 97;
+        let z = if rough { f64::from(noise) / 97.0 } else { 0.0 };
+        obj += &format!("v {x} {y} {z}\n");
+    }
+    for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
+        let a = y * (SIDE + 1) + x + 1;
+        let [b, c, d] = [a + 1, a + SIDE + 2, a + SIDE + 1];
+        obj += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
+    }
+    std::fs::write(&model, obj).unwrap();
+    let place = ["--library", text(&library), "--scene", "ground", "-q"];
+    ok(&[&["ingest", text(&model)][..], &place].concat());
+    let mut last = usize::MAX;
+    for error in ["0.01", "0.05", "0.2", "0.8", "3"] {
+        ok(&[
+            "export",
+            "ground",
+            "--library",
+            text(&library),
+            "--out",
+            text(&out),
+            "--error",
+            error,
+            "-q",
+        ]);
+        let (faces, area) = ply(&out);
+        assert!(faces <= last, "{error}: {faces} of {last}");
+        assert!(area > f64::from(SIDE * SIDE) * 0.9, "{error}: {area}");
+        last = faces;
+    }
+}
+
 #[test]
 fn exports_count_area_and_outside_come_right() {
     let (folder, _) = ingested();

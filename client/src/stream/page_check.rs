@@ -44,7 +44,7 @@ pub fn decode_page(
     let astray = form
         .parent_pages()
         .into_iter()
-        .find(|parent| !entry.dependencies.contains(parent));
+        .find(|parent| entry.dependencies.binary_search(parent).is_err());
     if let Some(parent) = astray {
         let expected = format!("pages that it depends on: {:?}", entry.dependencies);
         let error = FormatError::new("pages of parents", expected, parent);

@@ -1,4 +1,4 @@
-//! The checks of one cluster: header, what its vertices span, materials.
+//! The checks of one cluster before its vertices are known: header, materials.
 
 use super::{DiskForm, ROUND_SHIFT};
 use crate::bits::bits_for;
@@ -16,14 +16,20 @@ impl DiskForm {
         let header = &self.headers[cluster];
         let within = |error| within(error, cluster);
         for (axis, low) in header.origin().into_iter().enumerate() {
-            let most = MAX_EXTENT_STEPS as i32;
+            // The largest offset has the highest of its bits: how far it reaches at least. What it is shows when values are known.
+            let bits = header.widths()[axis];
+            let high = i64::from(low) + (1i64 << bits >> 1);
             ensure(
-                (-most..=most).contains(&low),
+                i64::from(low) >= -MAX_EXTENT_STEPS && high <= MAX_EXTENT_STEPS,
                 "position",
                 "within 2^23 steps of the centre",
-                format_args!("{low} on axis {axis}"),
+                format_args!("{low} and {bits} bits on axis {axis}"),
             )
             .map_err(within)?;
+        }
+        for (channel, low) in header.color_min().into_iter().enumerate() {
+            let high = u32::from(low) + (1 << header.color_widths()[channel] >> 1);
+            ensure(high <= 255, "colour", "at most 255", high).map_err(within)?;
         }
         if attributes.has(Attributes::UV) {
             for min in header.uv_min() {

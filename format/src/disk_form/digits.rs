@@ -37,8 +37,8 @@ impl<const BASE: u8> DigitWriter<BASE> {
 /// The digits of some bytes, one after the other. Past the end come zeros.
 #[derive(Debug)]
 pub(super) struct Digits {
-    digits: Vec<u8>,
-    next: usize,
+    pub digits: Vec<u8>,
+    pub next: usize,
     per_byte: usize,
 }
 

@@ -37,7 +37,7 @@ impl DiskForm {
         &self.spans
     }
 
-    /// Parents that vertices are inherited from: the page, smaller than this one's number, and the cluster in it.
+    /// Parents of all groups where any vertex is inherited: the page, smaller than this one's number, and the cluster in it.
     pub fn parents(&self) -> &[[u32; 2]] {
         &self.parents
     }
@@ -73,11 +73,5 @@ impl DiskForm {
     /// First word of the material tables in the memory form.
     pub fn memory_tables_word(&self) -> u32 {
         self.tables_word
-    }
-
-    /// Vertices that the page itself stores.
-    pub fn own_vertices(&self) -> usize {
-        let word = |word: usize| self.words[word] as usize;
-        word(header_word::VERTEX_COUNT) - word(header_word::REPEATED) - word(header_word::INHERITED)
     }
 }

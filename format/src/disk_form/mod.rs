@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! stored: header (16 words) | columns (13) | parents | steps | extra bytes | kinds | repeated | inherited | vertex planes | tables
-//! staged: header (16 words) | columns (15, a word a cluster) | index planes (3) | sources (a word a vertex) | vertex planes | tables
+//! staged: header (16 words) | columns (12, a word a cluster) | index planes (3) | sources (a word a vertex) | vertex planes | tables
 //! ```
 //!
 //! Triangles are steps around open edges (see `topology`). A vertex that an earlier cluster of the page or a parent has is named,
@@ -40,8 +40,8 @@ use stored::Counts;
 pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD4");
 /// Words before the first column.
 pub const HEADER_WORDS: usize = 16;
-/// Staged columns: every word of a cluster header but its payload offset, which follows from the others.
-pub const COLUMNS: usize = CLUSTER_HEADER_WORDS - 1;
+/// Staged columns: every word of a cluster header but its payload offset and its extents, which follow from the others.
+pub const COLUMNS: usize = CLUSTER_HEADER_WORDS - 4;
 /// First bit of a cluster's round in its counts; the memory form has zeros there.
 pub const ROUND_SHIFT: u32 = 28;
 
@@ -153,13 +153,7 @@ impl Layout {
         }
     }
 
-    /// First word of the lowest byte's plane of a vertex field.
-    pub fn field_plane(&self, field: usize) -> usize {
-        self.vertex_planes
-            + self.field_bytes[..field].iter().sum::<usize>() * self.vertex_plane_words
-    }
-
-    /// First word of the column of word `word` of the cluster headers (`word` is not the payload's).
+    /// First word of the column of word `word` of the cluster headers (`word` is not the payload's and below the extents').
     pub fn column(&self, word: usize) -> usize {
         let column = if word > cluster_word::PAYLOAD {
             word - 1

@@ -47,10 +47,10 @@ pub fn canonical(cluster: &Cluster) -> Cluster {
             let third = triangle[2];
             gate = match gate {
                 None => Some(ring.begin(triangle)),
-                Some(edge) if is_new => Some(ring.new_corner(edge, third)),
+                Some(edge) if is_new => Some(ring.corner(edge, third)),
                 Some(edge) if ring.third_before(edge) == Some(third) => ring.before(edge),
                 Some(edge) if ring.third_after(edge) == Some(third) => ring.after(edge),
-                Some(edge) => ring.far_corner(edge, third),
+                Some(edge) => Some(ring.corner(edge, third)),
             };
             triangles.push(triangle);
         }

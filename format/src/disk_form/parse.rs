@@ -3,9 +3,9 @@
 
 use super::check::{check_header, hex, within};
 use super::digits::Digits;
-use super::sources::{kind, word};
+use super::sources::{MOST_PARENTS, kind, word};
 use super::stored::{Counts, Stored, unfolded};
-use super::topology::{Edge, Steps, Triangles};
+use super::topology::{Steps, Triangles};
 use super::{DiskForm, HEADER_WORDS, Layout, MAGIC, header_word, plane_widths, round, rounds};
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
@@ -110,7 +110,7 @@ impl DiskForm {
         stored.stage_planes(bytes, &layout, bytemuck::cast_slice_mut(&mut form.words));
         form.unpack(&stored, bytes, &counts, &parents)?;
         form.check_repeated()?;
-        for word in (0..CLUSTER_HEADER_WORDS).filter(|&word| word != cluster_word::PAYLOAD) {
+        for word in (0..cluster_word::EXTENT).filter(|&word| word != cluster_word::PAYLOAD) {
             let column = form.layout.column(word);
             for (cluster, header) in form.headers.iter().enumerate() {
                 form.words[column + cluster] = header.0[word];
@@ -166,7 +166,16 @@ impl DiskForm {
                     counts[before],
                     counts[cluster],
                 )?,
-                None => named += counts[cluster] as usize,
+                None => {
+                    let count = counts[cluster] as usize;
+                    ensure(
+                        count <= MOST_PARENTS,
+                        "parents of a group",
+                        "at most 256",
+                        count,
+                    )?;
+                    named += count;
+                }
             }
         }
         ensure(
@@ -225,16 +234,13 @@ impl DiskForm {
             inherited: stored.inherited(bytes),
             own: 0,
             at: [0; 2],
-            cluster: 0,
             last_repeated: (0, 0),
             parents: 0..0,
             last_inherited: (0, 0),
-            sources,
-            indices: split_planes(indices, 4 * layout.index_plane_words),
-            vertex: 0,
-            triangle: 0,
             wrong: None,
         };
+        let mut planes = split_planes(indices, 4 * layout.index_plane_words);
+        let mut triangles = Triangles::default();
         for (cluster, header) in self.headers.iter().enumerate() {
             let span = &mut self.spans[cluster];
             span.first_own = reader.own as u32;
@@ -245,16 +251,26 @@ impl DiskForm {
                 reader.parents.end
             };
             reader.begin(cluster as u32, first..first + parents[cluster]);
-            let found = steps.read(header.triangle_count(), &mut reader);
+            let count = header.triangle_count() as usize;
+            let found = steps.read(count, &mut triangles);
             let wrong = |expected: String, found: String| {
                 within(FormatError::new("triangles", expected, found), cluster)
             };
-            if let Some(found) = steps.wrong.or(reader.wrong) {
+            if let Some(found) = steps.wrong {
                 return Err(wrong("steps that mean something".into(), found.into()));
             }
             let vertices = header.vertex_count() as usize;
             if found != vertices {
                 return Err(wrong(format!("{vertices} vertices"), format!("{found}")));
+            }
+            let first = span.first_triangle as usize;
+            for (plane, corners) in planes.iter_mut().zip(&triangles.corners) {
+                plane[first..first + count].copy_from_slice(&corners[..count]);
+            }
+            let own = &mut sources[span.first_vertex as usize..][..vertices];
+            reader.read(&triangles.beyond[..vertices], own);
+            if let Some(found) = reader.wrong {
+                return Err(wrong("vertices that are there".into(), found.into()));
             }
         }
         let left = steps.digits.finish().and(reader.kinds.finish());
@@ -308,7 +324,7 @@ fn split_planes(indices: &mut [u8], bytes: usize) -> [&mut [u8]; 3] {
     [first, second, third]
 }
 
-/// Writes triangles and where vertices come from, as they come.
+/// Reads where vertices come from.
 struct Reader<'a> {
     kinds: Digits,
     repeated: [&'a [u8]; 3],
@@ -316,58 +332,33 @@ struct Reader<'a> {
     own: usize,
     /// How many have been read of the other two.
     at: [usize; 2],
-    cluster: u32,
     /// Cluster and vertex.
     last_repeated: (u32, u8),
     /// Those of the group.
     parents: std::ops::Range<u32>,
     last_inherited: (u32, u8),
-    sources: &'a mut [u32],
-    indices: [&'a mut [u8]; 3],
-    /// Of the page; the next to be written.
-    vertex: usize,
-    triangle: usize,
     wrong: Option<&'static str>,
-}
-
-impl Triangles for Reader<'_> {
-    #[inline(always)]
-    fn vertex(&mut self, beyond: Option<Edge>) {
-        let source = match self.kinds.next() {
-            kind::OWN => {
-                self.own += 1;
-                match beyond {
-                    Some([from, to, opposite]) => u32::from_le_bytes([from, to, opposite, 0]),
-                    None => word::ANEW << word::KIND_SHIFT,
-                }
-            }
-            kind::REPEATED => self.repeat(),
-            _ => self.inherit(),
-        };
-        // One too many is found when they are counted.
-        if let Some(slot) = self.sources.get_mut(self.vertex) {
-            *slot = source;
-        }
-        self.vertex += 1;
-    }
-
-    #[inline(always)]
-    fn triangle(&mut self, corners: [u8; 3]) {
-        for (plane, corner) in self.indices.iter_mut().zip(corners) {
-            if let Some(slot) = plane.get_mut(self.triangle) {
-                *slot = corner;
-            }
-        }
-        self.triangle += 1;
-    }
 }
 
 impl Reader<'_> {
     fn begin(&mut self, cluster: u32, parents: std::ops::Range<u32>) {
-        self.cluster = cluster;
         self.last_repeated = (cluster, 0);
         self.parents = parents;
         self.last_inherited = (0, 0);
+    }
+
+    /// A cluster's vertices; own ones lie `beyond` what the triangles say.
+    fn read(&mut self, beyond: &[u32], into: &mut [u32]) {
+        for (&beyond, source) in beyond.iter().zip(into) {
+            *source = match self.kinds.next() {
+                kind::OWN => {
+                    self.own += 1;
+                    beyond
+                }
+                kind::REPEATED => self.repeat(),
+                _ => self.inherit(),
+            };
+        }
     }
 
     #[cold]

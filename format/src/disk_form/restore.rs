@@ -4,20 +4,21 @@
 //! Rounds go one after the other, the clusters of a round in order. Vertices are worked on as lanes of a word a field, all fields
 //! at once.
 
+use super::check::within;
 use super::predict::{beyond_edge, on_octahedron, signed, surface_shift, triangle_normal};
 use super::sources::word;
 use super::{DiskForm, FIELDS, ROUND_SHIFT, field, round};
-use crate::bits::read_bits;
+use crate::bits::{bits_for, read_bits};
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
-use crate::limits::MAX_CLUSTER_VERTICES;
+use crate::limits::{MAX_CLUSTER_TRIANGLES, MAX_CLUSTER_VERTICES, MAX_EXTENT_STEPS};
 use crate::memory_form::{
     CLUSTER_HEADER_WORDS, ClusterHeader, MAGIC, PAGE_HEADER_WORDS, cluster_word, page_word,
 };
 use crate::octahedral::NORMAL_BITS;
 
 /// The memory form of a page; `parent` gives those of pages before it, of the same asset. A page that the form names and
-/// that is not there, or a cluster or vertex that is not in it, is an error.
+/// that is not there, or a cluster or vertex that is not in it, is an error, and so are values that their bits do not suit.
 pub fn memory_form<'a>(
     form: &DiskForm,
     parent: impl Fn(u32) -> Option<&'a [u32]>,
@@ -50,10 +51,10 @@ pub fn memory_form<'a>(
         }
     }
     // Colours are rare: without them a vertex is two vectors of four words.
-    Ok(match form.attributes().has(Attributes::COLOR) {
+    match form.attributes().has(Attributes::COLOR) {
         true => Page::<12>::new(form, &parents).memory_form(),
         false => Page::<8>::new(form, &parents).memory_form(),
-    })
+    }
 }
 
 /// The fields of a vertex, in plane order; zeros after them.
@@ -63,8 +64,10 @@ type Lanes<const N: usize> = [u32; N];
 #[derive(Debug, Clone, Copy)]
 struct ParentView<'a> {
     records: &'a [u32],
-    bits: [u32; FIELDS],
     record_bits: usize,
+    /// For each field its bits, and those before it in a record.
+    bits: [u32; FIELDS],
+    before: [u32; FIELDS],
     least: [u32; FIELDS],
     vertices: usize,
 }
@@ -78,40 +81,44 @@ impl<'a> ParentView<'a> {
         let words = page.get(first..first + CLUSTER_HEADER_WORDS)?;
         let header = ClusterHeader(words.try_into().ok()?);
         let records = header.0[cluster_word::PAYLOAD] as usize + header.index_words();
+        let bits = header.field_bits(attributes);
+        let mut before = [0; FIELDS];
+        for field in 1..FIELDS {
+            before[field] = before[field - 1] + bits[field - 1];
+        }
         Some(Self {
             records: page.get(records..)?,
-            bits: header.field_bits(attributes),
             record_bits: header.vertex_bits(attributes) as usize,
+            bits,
+            before,
             least: least(&header),
             vertices: header.vertex_count() as usize,
         })
     }
 
     /// All fields of a vertex, not less the cluster's smallest.
-    #[inline]
+    #[inline(always)]
     fn vertex<const N: usize>(&self, vertex: usize) -> Lanes<N> {
         let first = vertex * self.record_bits;
-        let mut lanes = [0; N];
-        if self.record_bits <= 97 {
-            // Four words hold the record wherever it begins in the first.
-            let word = |at: usize| self.records.get(first / 32 + at).copied().unwrap_or(0) as u128;
-            let window = word(0) | word(1) << 32 | word(2) << 64 | word(3) << 96;
-            let mut window = window >> (first % 32);
-            for (field, lane) in lanes.iter_mut().enumerate().take(FIELDS) {
-                let bits = self.bits[field];
-                let value = window as u32 & ((1 << bits) - 1);
-                *lane = value.wrapping_add(self.least[field]);
-                window >>= bits;
-            }
-        } else {
-            let mut bit = first;
-            for (field, lane) in lanes.iter_mut().enumerate().take(FIELDS) {
-                let bits = self.bits[field];
-                *lane = read_bits(self.records, bit, bits).wrapping_add(self.least[field]);
-                bit += bits as usize;
-            }
-        }
-        lanes
+        let bytes: &[u8] = bytemuck::cast_slice(self.records);
+        // Eight bytes hold a field wherever it begins in the first; a record has 22 at most.
+        let window = bytes.get(first / 8..first / 8 + 32);
+        std::array::from_fn(|lane| {
+            let (Some(&bits), Some(&before)) = (self.bits.get(lane), self.before.get(lane)) else {
+                return 0;
+            };
+            let value = match window {
+                Some(window) => {
+                    let bit = first % 8 + before as usize;
+                    let (eight, _) = window[bit / 8..]
+                        .split_first_chunk()
+                        .unwrap_or((&[0; 8], &[]));
+                    (u64::from_le_bytes(*eight) >> (bit % 8)) as u32 & ((1 << bits) - 1)
+                }
+                None => read_bits(self.records, first + before as usize, bits),
+            };
+            value.wrapping_add(self.least[lane])
+        })
     }
 }
 
@@ -139,6 +146,8 @@ struct Page<'a, const N: usize> {
     values: Vec<Lanes<N>>,
     /// Signed differences of a cluster's own vertices.
     differences: Vec<Lanes<N>>,
+    surface: Surface,
+    payload: Vec<u8>,
 }
 
 impl<'a, const N: usize> Page<'a, N> {
@@ -154,17 +163,20 @@ impl<'a, const N: usize> Page<'a, N> {
             least: form.headers.iter().map(|it| lanes(least(it))).collect(),
             values: vec![[0; N]; layout.vertex_planes - layout.sources],
             differences: vec![[0; N]; MAX_CLUSTER_VERTICES],
+            surface: Surface::default(),
+            payload: vec![0; MOST_PAYLOAD_BYTES],
         }
     }
 
-    fn memory_form(mut self) -> Vec<u32> {
+    fn memory_form(mut self) -> Result<Vec<u32>, FormatError> {
         let form = self.form;
         let mut order: Vec<u32> = (0..form.headers.len() as u32).collect();
         order.sort_by_key(|&cluster| round(&form.headers[cluster as usize]));
         let mut words = vec![0; form.memory_words()];
         for cluster in order {
             self.restore(cluster as usize);
-            self.write(cluster as usize, &mut words);
+            self.write(cluster as usize, &mut words)
+                .map_err(|error| within(error, cluster as usize))?;
         }
         words[page_word::MAGIC] = MAGIC;
         words[page_word::CLUSTER_COUNT] = form.headers.len() as u32;
@@ -174,7 +186,7 @@ impl<'a, const N: usize> Page<'a, N> {
         words[page_word::TABLES] = form.tables_word;
         let tables = &form.words[form.layout.tables..];
         words[form.tables_word as usize..].copy_from_slice(tables);
-        words
+        Ok(words)
     }
 
     fn triangles(&self, cluster: usize) -> impl Iterator<Item = [u8; 3]> + use<'a, N> {
@@ -248,12 +260,12 @@ impl<'a, const N: usize> Page<'a, N> {
             let shift = surface_shift([bits[0], bits[1], bits[2]]);
             let triangles = self.triangles(cluster);
             let values = &mut self.values[first..first + count];
-            normals(values, sources, triangles, shift);
+            self.surface.normals(values, sources, triangles, shift);
         }
     }
 
     /// Writes a cluster's header and payload.
-    fn write(&self, cluster: usize, words: &mut [u32]) {
+    fn write(&mut self, cluster: usize, words: &mut [u32]) -> Result<(), FormatError> {
         let (mut header, span) = (self.form.headers[cluster], &self.form.spans[cluster]);
         let first = span.first_vertex as usize;
         let values = &self.values[first..first + header.vertex_count() as usize];
@@ -262,27 +274,23 @@ impl<'a, const N: usize> Page<'a, N> {
         if header.has_material_table() {
             header.0[cluster_word::MATERIALS] += self.form.tables_word;
         }
-        let largest = values.iter().fold([0; 3], |largest: [u32; 3], value| {
+        let largest = values.iter().fold([0; N], |largest: Lanes<N>, value| {
             std::array::from_fn(|lane| largest[lane].max(value[lane]))
         });
-        header.0[cluster_word::EXTENT..][..3].copy_from_slice(&largest);
+        header.0[cluster_word::EXTENT..][..3].copy_from_slice(&largest[..3]);
+        check_largest(&header, &largest)?;
         let at = PAGE_HEADER_WORDS + cluster * CLUSTER_HEADER_WORDS;
         words[at..at + CLUSTER_HEADER_WORDS].copy_from_slice(&header.0);
 
-        let index_words = header.index_words();
-        let bits = header.field_bits(self.form.attributes());
-        let record_words = header.payload_words(self.form.attributes()) - index_words;
-        let payload = &mut words[span.payload_word as usize..];
-        let (indices, records) = payload.split_at_mut(index_words);
         let index_bits = header.index_bits();
-        let mut writer = Bits::new(indices);
-        for [a, b, c] in self.triangles(cluster) {
+        let triangles = self.triangles(cluster);
+        let mut writer = Bits::new(&mut self.payload);
+        for [a, b, c] in triangles {
             let triangle = a as u64 | (b as u64) << index_bits | (c as u64) << (2 * index_bits);
             writer.push(triangle, 3 * index_bits);
         }
-        writer.finish();
-        let [x, y, z, nu, nv, u, v, r, g, b, a] = bits;
-        let mut writer = Bits::new(&mut records[..record_words]);
+        writer.align();
+        let [x, y, z, nu, nv, u, v, r, g, b, a] = header.field_bits(self.form.attributes());
         for value in values {
             let wide = |lane: usize| value[lane] as u64;
             writer.push(wide(0) | wide(1) << x, x + y);
@@ -293,8 +301,36 @@ impl<'a, const N: usize> Page<'a, N> {
                 writer.push(rg | ba << (r + g), r + g + b + a);
             }
         }
-        writer.finish();
+        writer.align();
+        let count = header.payload_words(self.form.attributes());
+        let payload = &mut words[span.payload_word as usize..][..count];
+        bytemuck::cast_slice_mut(payload).copy_from_slice(&self.payload[..4 * count]);
+        Ok(())
     }
+}
+
+/// That positions need their bits and lie where coordinates are exact, and that colours end at full scale.
+fn check_largest(header: &ClusterHeader, largest: &[u32]) -> Result<(), FormatError> {
+    for (axis, &extent) in largest[..3].iter().enumerate() {
+        let (bits, found) = (bits_for(extent), header.widths()[axis]);
+        ensure(bits == found, "bits of a coordinate", bits, found)?;
+        let high = i64::from(header.origin()[axis]) + i64::from(extent);
+        ensure(
+            high <= MAX_EXTENT_STEPS,
+            "position",
+            "within 2^23 steps of the centre",
+            high,
+        )?;
+    }
+    for (&low, &extent) in header
+        .color_min()
+        .iter()
+        .zip(largest.iter().skip(field::COLOR))
+    {
+        let high = u32::from(low) + extent;
+        ensure(high <= 255, "colour", "at most 255", high)?;
+    }
+    Ok(())
 }
 
 /// What is expected beyond an edge, in every lane.
@@ -303,35 +339,54 @@ fn beyond<const N: usize>(a: &Lanes<N>, b: &Lanes<N>, opposite: &Lanes<N>) -> La
     std::array::from_fn(|lane| beyond_edge(lane, [a[lane], b[lane], opposite[lane]]))
 }
 
-/// Turns the differences of a cluster's own normals into normals.
-fn normals<const N: usize>(
-    values: &mut [Lanes<N>],
-    sources: &[u32],
-    triangles: impl Iterator<Item = [u8; 3]>,
-    shift: u32,
-) {
-    let mut places = [[0i32; 4]; MAX_CLUSTER_VERTICES];
-    for (place, value) in places.iter_mut().zip(values.iter()) {
-        for axis in 0..3 {
-            place[axis] = (value[axis] >> shift) as i32;
+/// Places of a cluster's vertices, and the sums of the normals around them.
+#[derive(Debug)]
+struct Surface {
+    places: [[i32; 4]; MAX_CLUSTER_VERTICES],
+    sums: [[i32; 4]; MAX_CLUSTER_VERTICES],
+}
+
+impl Default for Surface {
+    fn default() -> Self {
+        Self {
+            places: [[0; 4]; MAX_CLUSTER_VERTICES],
+            sums: [[0; 4]; MAX_CLUSTER_VERTICES],
         }
     }
-    let mut sums = [[0i32; 4]; MAX_CLUSTER_VERTICES];
-    for triangle in triangles {
-        let [a, b, c] = triangle.map(|vertex| &places[vertex as usize]);
-        let normal = triangle_normal(a, b, c);
-        for vertex in triangle {
-            let sum = &mut sums[vertex as usize];
-            *sum = std::array::from_fn(|axis| sum[axis].wrapping_add(normal[axis]));
+}
+
+impl Surface {
+    /// Turns the differences of a cluster's own normals into normals.
+    fn normals<const N: usize>(
+        &mut self,
+        values: &mut [Lanes<N>],
+        sources: &[u32],
+        triangles: impl Iterator<Item = [u8; 3]>,
+        shift: u32,
+    ) {
+        for (place, value) in self.places.iter_mut().zip(values.iter()) {
+            *place = std::array::from_fn(|axis| match axis {
+                3 => 0,
+                axis => (value[axis] >> shift) as i32,
+            });
         }
-    }
-    for ((&source, value), &[x, y, z, _]) in sources.iter().zip(values).zip(&sums) {
-        if source >> word::KIND_SHIFT > word::ANEW {
-            continue;
+        self.sums[..values.len()].fill([0; 4]);
+        for triangle in triangles {
+            let [a, b, c] = triangle.map(|vertex| &self.places[vertex as usize]);
+            let normal = triangle_normal(a, b, c);
+            for vertex in triangle {
+                let sum = &mut self.sums[vertex as usize];
+                *sum = std::array::from_fn(|axis| sum[axis].wrapping_add(normal[axis]));
+            }
         }
-        for (axis, expected) in on_octahedron([x, y, z]).into_iter().enumerate() {
-            let own = &mut value[field::NORMAL + axis];
-            *own = own.wrapping_add(expected) & ((1 << NORMAL_BITS) - 1);
+        for ((&source, value), &[x, y, z, _]) in sources.iter().zip(values).zip(&self.sums) {
+            if source >> word::KIND_SHIFT > word::ANEW {
+                continue;
+            }
+            for (axis, expected) in on_octahedron([x, y, z]).into_iter().enumerate() {
+                let own = &mut value[field::NORMAL + axis];
+                *own = own.wrapping_add(expected) & ((1 << NORMAL_BITS) - 1);
+            }
         }
     }
 }
@@ -371,45 +426,46 @@ fn read_differences<const N: usize>(form: &DiskForm, first: usize, into: &mut [L
     }
 }
 
-/// Writes a bit stream into words that are there.
+/// Bytes of the largest payload: indices of eight bits, records of five coordinates of 24, two normals of 10, four
+/// channels of 8; and the eight that a push may touch.
+const MOST_PAYLOAD_BYTES: usize =
+    3 * MAX_CLUSTER_TRIANGLES + (5 * 24 + 2 * 10 + 4 * 8) * MAX_CLUSTER_VERTICES / 8 + 16;
+
+/// Writes a bit stream into bytes that are there, eight at a time; what lies after the last bit is garbage until it is aligned.
 struct Bits<'a> {
-    words: std::slice::IterMut<'a, u32>,
-    waiting: u128,
+    bytes: &'a mut [u8],
+    at: usize,
+    /// Fewer than eight bits that are not a byte yet.
+    waiting: u64,
     bits: u32,
 }
 
 impl<'a> Bits<'a> {
-    fn new(words: &'a mut [u32]) -> Self {
+    fn new(bytes: &'a mut [u8]) -> Self {
         Self {
-            words: words.iter_mut(),
+            bytes,
+            at: 0,
             waiting: 0,
             bits: 0,
         }
     }
 
-    /// Appends the low `bits` (at most 64) of a value that has no others.
-    #[inline]
+    /// Appends the low `bits` (at most 56) of a value that has no others.
+    #[inline(always)]
     fn push(&mut self, value: u64, bits: u32) {
-        self.waiting |= (value as u128) << self.bits;
-        self.bits += bits;
-        if self.bits >= 64 {
-            self.word();
-            self.word();
+        self.waiting |= value << self.bits;
+        if let Some(eight) = self.bytes.get_mut(self.at..self.at + 8) {
+            eight.copy_from_slice(&self.waiting.to_le_bytes());
         }
+        let bits = self.bits + bits;
+        self.at += bits as usize / 8;
+        self.waiting >>= bits & !7;
+        self.bits = bits & 7;
     }
 
-    #[inline]
-    fn word(&mut self) {
-        if let Some(word) = self.words.next() {
-            *word = self.waiting as u32;
-        }
-        self.waiting >>= 32;
-        self.bits = self.bits.saturating_sub(32);
-    }
-
-    fn finish(mut self) {
-        while self.bits > 0 {
-            self.word();
-        }
+    /// Fills up to a word with zeros.
+    fn align(&mut self) {
+        let bits = 8 * self.at as u32 + self.bits;
+        self.push(0, bits.next_multiple_of(32) - bits);
     }
 }

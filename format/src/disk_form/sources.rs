@@ -142,7 +142,7 @@ impl Sources {
         }
     }
 
-    /// What is repeated stays so: the one that it repeats may be inherited.
+    /// What a parent has is inherited, also where it could be repeated; what repeats it stays.
     fn inherit(&mut self, clusters: &[Cluster], parents: &[Parent<'_>]) {
         let mut first = 0;
         for same in clusters.chunk_by(|a, b| a.group == b.group) {

@@ -50,6 +50,12 @@ impl Gate {
         [self.from, self.to, self.opposite]
     }
 
+    /// The edge and its opposite corner, a byte each.
+    #[inline(always)]
+    fn word(self) -> u32 {
+        u32::from_le_bytes([self.from, self.to, self.opposite, 0])
+    }
+
     /// Whether it begins and ends as a triangle does.
     #[inline(always)]
     pub fn is_below(self, triangle: [u8; 3]) -> bool {
@@ -155,9 +161,9 @@ impl Ring {
         self.fold(gate)
     }
 
-    /// A triangle with a vertex that no open edge has: its edge from there on is the gate.
+    /// A triangle with a vertex of no edge beside the gate: its edge from there on is the gate.
     #[inline(always)]
-    pub fn new_corner(&mut self, gate: Gate, third: u8) -> Gate {
+    pub fn corner(&mut self, gate: Gate, third: u8) -> Gate {
         let left = self.count;
         self.count += 1;
         self.store(Gate {
@@ -176,39 +182,6 @@ impl Ring {
             before: left,
             after: if is_alone { left } else { gate.after },
             ..gate
-        }
-    }
-
-    /// A triangle with any vertex: the same, but its edges may meet their like.
-    pub fn far_corner(&mut self, gate: Gate, third: u8) -> Option<Gate> {
-        let gate = self.new_corner(gate, third);
-        self.store(gate);
-        // The edge to the new corner folds as the gate does; the gate may go with it.
-        let left = self.load(gate.before);
-        match self.fold(left) {
-            Some(next) if next.number == left.number => self.fold(self.load(gate.number)),
-            Some(next) => {
-                self.store(next);
-                match self.is_beside(next, gate.number) {
-                    true => self.fold(self.load(gate.number)),
-                    false => Some(next),
-                }
-            }
-            None => None,
-        }
-    }
-
-    /// Whether an edge is in the ring of another.
-    fn is_beside(&self, of: Gate, edge: u8) -> bool {
-        let mut at = of.number;
-        loop {
-            if at == edge {
-                return true;
-            }
-            at = self.after[at as usize];
-            if at == of.number {
-                return false;
-            }
         }
     }
 
@@ -267,12 +240,40 @@ impl Ring {
     }
 }
 
-/// What is made of the steps.
-pub(super) trait Triangles {
-    /// The next vertex, beyond an edge or at a beginning.
-    fn vertex(&mut self, beyond: Option<Edge>);
-    /// The next triangle.
-    fn triangle(&mut self, corners: [u8; 3]);
+/// A cluster's triangles as they are read.
+#[derive(Debug)]
+pub(super) struct Triangles {
+    /// Vertices of the triangles, a plane a corner.
+    pub corners: [[u8; MAX_CLUSTER_TRIANGLES]; 3],
+    /// For each vertex the edge beyond which it lies, a byte each, or [`ANEW`].
+    pub beyond: [u32; MAX_CLUSTER_VERTICES],
+}
+
+/// A vertex of a beginning.
+pub(super) const ANEW: u32 = super::source_word::ANEW << super::source_word::KIND_SHIFT;
+
+impl Default for Triangles {
+    fn default() -> Self {
+        Self {
+            corners: [[0; MAX_CLUSTER_TRIANGLES]; 3],
+            beyond: [0; MAX_CLUSTER_VERTICES],
+        }
+    }
+}
+
+impl Triangles {
+    #[inline(always)]
+    fn vertex(&mut self, number: usize, beyond: u32) {
+        // A cluster of too many is refused when it is counted.
+        self.beyond[number % MAX_CLUSTER_VERTICES] = beyond;
+    }
+
+    #[inline(always)]
+    fn triangle(&mut self, number: usize, corners: [u8; 3]) {
+        for (plane, corner) in self.corners.iter_mut().zip(corners) {
+            plane[number % MAX_CLUSTER_TRIANGLES] = corner;
+        }
+    }
 }
 
 /// Steps and extra bytes as they are read. What is wrong is noted, and zeros are read on: a cluster has few triangles.
@@ -308,31 +309,33 @@ impl Steps<'_> {
         )
     }
 
-    /// Reads a cluster's triangles; gives the number of its vertices.
-    #[inline]
-    pub fn read(&mut self, triangles: u32, into: &mut impl Triangles) -> usize {
+    /// Reads a cluster's triangles, at most 128; gives the number of its vertices.
+    pub fn read(&mut self, count: usize, into: &mut Triangles) -> usize {
         let mut ring = Ring::default();
         let mut gate = None;
-        let mut vertices = 0usize;
-        let mut left = triangles;
-        while left > 0 {
+        let (mut vertices, mut triangle) = (0usize, 0usize);
+        // In a register, not behind a reference that every store might change.
+        let mut next = self.digits.next;
+        while triangle < count {
             let Some(edge) = gate else {
-                gate = Some(ring.begin(self.begin(&mut vertices, into)));
-                left -= 1;
+                gate = Some(ring.begin(self.begin(&mut vertices, triangle, into)));
+                triangle += 1;
                 continue;
             };
-            let third = match self.digits.next() {
+            let step = self.digits.digits.get(next).copied().unwrap_or(0);
+            next += 1;
+            let third = match step {
                 step::NEW => {
-                    into.vertex(Some(edge.edge()));
                     let third = vertices as u8;
+                    into.vertex(vertices, edge.word());
                     vertices += 1;
-                    gate = Some(ring.new_corner(edge, third));
+                    gate = Some(ring.corner(edge, third));
                     third
                 }
                 step::BEFORE => {
                     let Some(third) = ring.third_before(edge) else {
                         self.refuse("a gate that no edge leads to");
-                        return vertices;
+                        break;
                     };
                     gate = ring.before(edge);
                     third
@@ -340,7 +343,7 @@ impl Steps<'_> {
                 step::AFTER => {
                     let Some(third) = ring.third_after(edge) else {
                         self.refuse("a gate that no edge follows");
-                        return vertices;
+                        break;
                     };
                     gate = ring.after(edge);
                     third
@@ -351,20 +354,21 @@ impl Steps<'_> {
                 }
                 _ => {
                     let third = self.far(vertices);
-                    gate = ring.far_corner(edge, third);
+                    gate = Some(ring.corner(edge, third));
                     third
                 }
             };
-            into.triangle([edge.from, edge.to, third]);
-            left -= 1;
+            into.triangle(triangle, [edge.from, edge.to, third]);
+            triangle += 1;
         }
+        self.digits.next = next;
         if vertices > MAX_CLUSTER_VERTICES {
             self.refuse("more than 256 vertices");
         }
         vertices
     }
 
-    fn begin(&mut self, vertices: &mut usize, into: &mut impl Triangles) -> [u8; 3] {
+    fn begin(&mut self, vertices: &mut usize, number: usize, into: &mut Triangles) -> [u8; 3] {
         let new = self.extra();
         if new > 7 {
             self.refuse("a beginning with spare bits");
@@ -372,14 +376,14 @@ impl Steps<'_> {
         let mut triangle = [0; 3];
         for (corner, vertex) in triangle.iter_mut().enumerate() {
             *vertex = if new >> corner & 1 == 1 {
-                into.vertex(None);
+                into.vertex(*vertices, ANEW);
                 *vertices += 1;
                 (*vertices - 1) as u8
             } else {
                 self.far(*vertices)
             };
         }
-        into.triangle(triangle);
+        into.triangle(number, triangle);
         triangle
     }
 }
@@ -416,7 +420,7 @@ pub(super) fn encode(
         gate = if third as usize == beyond.len() {
             beyond.push(Some(edge.edge()));
             steps.push(step::NEW);
-            Some(ring.new_corner(edge, third))
+            Some(ring.corner(edge, third))
         } else if ring.third_before(edge) == Some(third) {
             steps.push(step::BEFORE);
             ring.before(edge)
@@ -426,7 +430,7 @@ pub(super) fn encode(
         } else {
             steps.push(step::FAR);
             extra.push((beyond.len() - 1) as u8 - third);
-            ring.far_corner(edge, third)
+            Some(ring.corner(edge, third))
         };
     }
     beyond
@@ -470,22 +474,6 @@ mod tests {
         all
     }
 
-    #[derive(Default)]
-    struct Read {
-        triangles: Vec<[u8; 3]>,
-        beyond: Vec<Option<Edge>>,
-    }
-
-    impl Triangles for Read {
-        fn vertex(&mut self, beyond: Option<Edge>) {
-            self.beyond.push(beyond);
-        }
-
-        fn triangle(&mut self, corners: [u8; 3]) {
-            self.triangles.push(corners);
-        }
-    }
-
     fn steps_of<'a>(steps: &StepWriter, extra: &'a [u8]) -> Steps<'a> {
         Steps {
             digits: Digits::new::<5>(&steps.bytes).unwrap(),
@@ -497,14 +485,22 @@ mod tests {
     fn comes_back(ordered: &Cluster) {
         let (mut steps, mut extra) = (StepWriter::default(), Vec::new());
         let expected = encode(&ordered.triangles, &mut steps, &mut extra);
-        let mut read = Read::default();
+        let mut read = Triangles::default();
         let mut reader = steps_of(&steps, &extra);
-        let vertices = reader.read(ordered.triangles.len() as u32, &mut read);
+        let count = ordered.triangles.len();
+        let vertices = reader.read(count, &mut read);
         assert_eq!(vertices, ordered.positions.len());
         assert_eq!((reader.wrong, reader.extra.len()), (None, 0));
         assert_eq!(reader.digits.finish(), Ok(()));
-        assert_eq!(read.triangles, ordered.triangles);
-        assert_eq!(read.beyond, expected);
+        let triangle = |at: usize| [0, 1, 2].map(|corner| read.corners[corner][at]);
+        let triangles: Vec<[u8; 3]> = (0..count).map(triangle).collect();
+        assert_eq!(triangles, ordered.triangles);
+        let word = |edge: Option<Edge>| match edge {
+            Some([from, to, opposite]) => u32::from_le_bytes([from, to, opposite, 0]),
+            None => ANEW,
+        };
+        let expected: Vec<u32> = expected.into_iter().map(word).collect();
+        assert_eq!(read.beyond[..vertices], expected);
     }
 
     proptest! {
@@ -554,7 +550,7 @@ mod tests {
         };
         let mut ring = Ring::default();
         let gate = ring.begin(first);
-        let gate = ring.new_corner(gate, 3);
+        let gate = ring.corner(gate, 3);
         let gate = ring.third_after(gate).and_then(|_| ring.after(gate));
         let last = gate.expect("one triangle is missing");
         assert!(ring.third_before(last).is_some());
@@ -568,7 +564,7 @@ mod tests {
             let mut steps = StepWriter::default();
             digits.iter().for_each(|&digit| steps.push(digit));
             let mut reader = steps_of(&steps, extra);
-            reader.read(128, &mut Read::default());
+            reader.read(128, &mut Triangles::default());
             let left = reader.digits.finish().err();
             reader.wrong.or(left).unwrap()
         };

@@ -166,7 +166,7 @@ fn row(input: &str, meshes: &[Mesh], step: Step, placement: Placement) -> Result
         },
         ..Row::default()
     };
-    for (index, mesh) in meshes.iter().enumerate() {
+    for mesh in meshes {
         let extent = extent_metres(mesh);
         let options = BuildOptions {
             position_step: match step {
@@ -183,7 +183,8 @@ fn row(input: &str, meshes: &[Mesh], step: Step, placement: Placement) -> Result
             row.refused += 1;
             continue;
         };
-        if index == 0 {
+        // The largest comes first.
+        if row.error_px == 0.0 && extent > 0.0 {
             let step = built.asset.position_grid.step();
             row.error_px = 0.75f64.sqrt() * step / extent * PICTURE_PX;
         }

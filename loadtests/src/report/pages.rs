@@ -40,6 +40,7 @@ pub(super) fn section(runs: &Runs) -> String {
     let runs: Vec<&Run> = runs.of("pages").collect();
     let all = || runs.iter().flat_map(|run| rows(run, "rows"));
     let mut inputs: Vec<&str> = all().filter_map(|row| row["input"].as_str()).collect();
+    inputs.sort_unstable();
     inputs.dedup();
     let mut body = String::new();
     for input in inputs {

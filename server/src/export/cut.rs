@@ -70,12 +70,20 @@ impl SceneAssetCut {
         self.parent_error_in_world(group) > error_metres
     }
 
-    /// Pages that hold clusters of refined groups.
+    /// Pages that hold clusters of refined groups, and those that they inherit from, ascending.
     pub(super) fn pages(&self, error_metres: f64) -> Vec<u32> {
         let mut needed = vec![false; self.asset.pages.len()];
         for group in &self.hierarchy.groups {
             if self.parent_error_in_world(group) > error_metres {
                 needed[group.first_page as usize..][..group.part_count as usize].fill(true);
+            }
+        }
+        // Pages depend on smaller ones: from the last one down nothing is missed.
+        for page in (0..needed.len()).rev() {
+            if needed[page] {
+                for &dependency in &self.asset.pages[page].dependencies {
+                    needed[dependency as usize] = true;
+                }
             }
         }
         (0..needed.len() as u32)

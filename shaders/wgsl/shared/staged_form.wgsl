@@ -7,7 +7,7 @@
 @group(0) @binding(1) var<storage, read> staging: array<u32>;
 
 const DISK_HEADER_WORDS: u32 = 16u;
-const DISK_COLUMNS: u32 = 15u;
+const DISK_COLUMNS: u32 = 12u;
 const DISK_WORD_ATTRIBUTES: u32 = 1u;
 const DISK_WORD_CLUSTER_COUNT: u32 = 2u;
 const DISK_WORD_PAGE: u32 = 3u;
@@ -51,7 +51,7 @@ fn span_of(job: TranscodeJob, cluster: u32) -> ClusterSpan {
     return ClusterSpan(staging[word], staging[word + 1u], staging[word + 2u], staging[word + 3u]);
 }
 
-// Word `word` (not the payload's) of a cluster's header.
+// Word `word` (not the payload's, and below the extents') of a cluster's header.
 fn column_word(job: TranscodeJob, cluster: u32, word: u32) -> u32 {
     let column = word - select(0u, 1u, word > CLUSTER_WORD_PAYLOAD);
     return disk_word(job, DISK_HEADER_WORDS + column * disk_word(job, DISK_WORD_CLUSTER_COUNT) + cluster);

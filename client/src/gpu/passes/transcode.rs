@@ -14,7 +14,7 @@ use crate::gpu::device::Gpu;
 use crate::gpu::error::GpuError;
 use crate::gpu::recorder::Recorder;
 
-/// Words of disk forms, spans and parents that one submission takes, where pages are no larger.
+/// Words of disk forms, spans and parents that one submission takes: at least those of the largest page.
 const STAGING_WORDS: usize = 2 << 20;
 /// Words of restored vertices that one submission takes: at least those of the largest page.
 const RESTORED_WORDS: usize = 4 << 20;
@@ -139,7 +139,7 @@ impl Transcode {
         Ok(())
     }
 
-    /// Makes the buffers: as long as a batch, or as one page longer than that.
+    /// Makes the buffers.
     pub fn make_buffers(gpu: &Gpu, buffers: &mut Buffers) -> Result<(), GpuError> {
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
         let jobs = MOST_JOBS * size_of::<TranscodeJob>();
