@@ -187,13 +187,13 @@ fn a_tiny_pool_draws_a_coarser_picture_without_holes() {
         .sum();
     let session = SessionOptions {
         pool_bytes: Some(roots + 4 * 128 * 1024),
-        pixel_error_px: 0.25,
+        pixel_error_px: 0.1,
         ..options(&served.url)
     };
     let (report, color) = render(&gpu, session, &out);
     keep_picture("tiny_pool", SIZE, &color);
     assert!(
-        report.pixel_error_shown > 0.25,
+        report.pixel_error_shown > 0.1,
         "{}",
         report.pixel_error_shown
     );

@@ -6,6 +6,7 @@ use crate::memory_form::{
     CLUSTER_HEADER_WORDS, ClusterHeader, PAGE_HEADER_WORDS, cluster_word, page_word,
 };
 use crate::octahedral::NORMAL_BITS;
+use crate::strips::Strips;
 
 /// Random access into one cluster of a memory form that this program wrote (by [`crate::memory_form::encode`] or from a checked disk form).
 /// Reads past the words give zeros.
@@ -39,20 +40,18 @@ impl<'a> ClusterView<'a> {
             .unwrap_or(&[])
     }
 
+    fn strips(&self) -> Strips<'a> {
+        let header = &self.header;
+        Strips::new(self.payload(), header.triangle_count(), header.index_bits())
+    }
+
     /// Vertex indices of a triangle.
     pub fn triangle(&self, triangle: u32) -> [u32; 3] {
-        let bits = self.header.index_bits();
-        std::array::from_fn(|corner| {
-            read_bits(
-                self.payload(),
-                ((triangle * 3 + corner as u32) * bits) as usize,
-                bits,
-            )
-        })
+        self.strips().triangle(triangle)
     }
 
     fn field(&self, vertex: u32, before: u32, bits: u32) -> u32 {
-        let first = self.header.index_words() * 32
+        let first = self.header.strip_words() * 32
             + (vertex * self.header.vertex_bits(self.attributes) + before) as usize;
         read_bits(self.payload(), first, bits)
     }
@@ -164,9 +163,7 @@ impl<'a> ClusterView<'a> {
             normals: vertices.clone().filter_map(|it| self.normal(it)).collect(),
             uvs: vertices.clone().filter_map(|it| self.uv(it)).collect(),
             colors: vertices.filter_map(|it| self.color(it)).collect(),
-            triangles: (0..self.header.triangle_count())
-                .map(|it| self.triangle(it).map(|vertex| vertex as u8))
-                .collect(),
+            triangles: self.strips().triangles().collect(),
             materials,
             level: self.header.level() as u8,
             group: self.header.group(),

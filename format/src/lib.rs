@@ -29,6 +29,7 @@ pub mod octahedral;
 pub mod page_reader;
 mod reader;
 pub mod scene;
+pub mod strips;
 pub mod wire;
 
 pub use asset::Asset;

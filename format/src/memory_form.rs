@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! header (8 words) | cluster headers (16 words each) | payloads | material tables
-//! payload = triangle indices (bit-packed, 3 a triangle) | word boundary | vertex records (bit-packed) | word boundary
+//! payload = strips (see `strips`) | vertex records (bit-packed) | word boundary
 //! ```
 //!
 //! Any triangle and any vertex is reached by arithmetic from its cluster's header: widths are constant in a cluster.
@@ -12,13 +12,16 @@ use crate::cluster::{Attributes, Cluster, MaterialRange};
 use crate::error::{FormatError, ensure};
 use crate::limits::{MAX_COORDINATE_BITS, MAX_PAGE_CLUSTERS, PAGE_WORDS};
 use crate::octahedral::NORMAL_BITS;
+use crate::strips;
 
-/// "LSM1".
-pub const MAGIC: u32 = u32::from_le_bytes(*b"LSM1");
+/// "LSM2".
+pub const MAGIC: u32 = u32::from_le_bytes(*b"LSM2");
 /// Words before the first cluster header.
 pub const PAGE_HEADER_WORDS: usize = 8;
 /// Words of a cluster header.
 pub const CLUSTER_HEADER_WORDS: usize = 16;
+/// First bit of the words of the strips in a cluster's widths.
+pub const STRIP_WORDS_SHIFT: u32 = 25;
 /// Set in word 0 of a cluster header whose word 10 is the page word of a material table.
 pub const MATERIAL_TABLE_FLAG: u32 = 1 << 23;
 
@@ -44,7 +47,7 @@ pub mod cluster_word {
     pub const COUNTS: usize = 0;
     /// Smallest grid index of each axis, three words.
     pub const ORIGIN: usize = 1;
-    /// Bits of x, y, z, u, v: five bits each from bit 0.
+    /// Bits of x, y, z, u, v: five bits each from bit 0; words of the strips (7 bits at 25).
     pub const WIDTHS: usize = 4;
     /// Bits of r, g, b, a: four bits each from bit 0.
     pub const COLOR_WIDTHS: usize = 5;
@@ -119,6 +122,9 @@ impl ClusterHeader {
                 bits_for((color_max[c] - color_min[c]) as u32) << (4 * c);
         }
         words[cluster_word::COLOR_MIN] = u32::from_le_bytes(color_min);
+        let mut strips = Vec::new();
+        strips::encode(cluster.triangles.iter().copied(), index_bits, &mut strips);
+        words[cluster_word::WIDTHS] |= (strips.len() as u32) << STRIP_WORDS_SHIFT;
         words[cluster_word::CHILD_GROUP] = cluster.child_group;
         words[cluster_word::GROUP] = cluster.group;
         let mut table = Vec::new();
@@ -214,9 +220,9 @@ impl ClusterHeader {
         self.0[cluster_word::CHILD_GROUP]
     }
 
-    /// Words of the triangle indices.
-    pub fn index_words(&self) -> usize {
-        (self.triangle_count() * 3 * self.index_bits()).div_ceil(32) as usize
+    /// Words of the triangles.
+    pub fn strip_words(&self) -> usize {
+        (self.0[cluster_word::WIDTHS] >> STRIP_WORDS_SHIFT) as usize
     }
 
     /// Bits of each field of a vertex: x, y, z, normal u, v, texture u, v, r, g, b, a.
@@ -238,7 +244,7 @@ impl ClusterHeader {
 
     /// Words of the whole payload.
     pub fn payload_words(&self, attributes: Attributes) -> usize {
-        self.index_words()
+        self.strip_words()
             + (self.vertex_count() * self.vertex_bits(attributes)).div_ceil(32) as usize
     }
 }
@@ -332,11 +338,10 @@ pub fn encode(
 }
 
 fn payload(cluster: &Cluster, header: &ClusterHeader, attributes: Attributes) -> Vec<u32> {
+    let mut words = Vec::with_capacity(header.payload_words(attributes));
+    let triangles = cluster.triangles.iter().copied();
+    strips::encode(triangles, header.index_bits(), &mut words);
     let mut writer = BitWriter::default();
-    for index in cluster.triangles.iter().flatten() {
-        writer.push(*index as u32, header.index_bits());
-    }
-    writer.align();
     let (widths, origin, uv_min) = (header.widths(), header.origin(), header.uv_min());
     let (color_widths, color_min) = (header.color_widths(), header.color_min());
     for vertex in 0..cluster.positions.len() {
@@ -368,5 +373,6 @@ fn payload(cluster: &Cluster, header: &ClusterHeader, attributes: Attributes) ->
             }
         }
     }
-    writer.into_words()
+    words.extend(writer.into_words());
+    words
 }

@@ -423,8 +423,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            6,
-            "f2f400073216417629c1913443a678623aff610164945ccf901a8530efed87f3"
+            7,
+            "9253f85dcabbd72feb7d691d5e628595eb9f206f42846ba2e40e4408309f4fff"
         ),
     );
 }

@@ -249,6 +249,7 @@ const SHARED: &[(&str, &str)] = &[
         "memory_form",
         include_str!("../wgsl/shared/memory_form.wgsl"),
     ),
+    ("strips", include_str!("../wgsl/shared/strips.wgsl")),
     (
         "staged_form",
         include_str!("../wgsl/shared/staged_form.wgsl"),

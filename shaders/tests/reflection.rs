@@ -5,6 +5,7 @@ mod shader_module;
 use std::collections::{BTreeMap, BTreeSet};
 
 use lodestream_format::hierarchy::{Child, Group, Node, Part};
+use lodestream_format::strips::mask;
 use lodestream_shaders::passes::{ALL, PoolAccess};
 use lodestream_shaders::types::*;
 use naga::{AddressSpace, StorageAccess};
@@ -342,6 +343,11 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
             "MATERIAL_TABLE_FLAG",
             memory_form::MATERIAL_TABLE_FLAG as usize,
         ),
+        ("STRIP_WORDS_SHIFT", memory_form::STRIP_WORDS_SHIFT as usize),
+        ("STRIP_MASK_NEW", mask::NEW),
+        ("STRIP_MASK_RESTART", mask::RESTART),
+        ("STRIP_MASK_TURN", mask::TURN),
+        ("STRIP_MASKS", mask::COUNT),
         ("NORMAL_BITS", NORMAL_BITS as usize),
         ("PAGE_WORD_MAGIC", page_word::MAGIC),
         ("PAGE_WORD_CLUSTER_COUNT", page_word::CLUSTER_COUNT),
@@ -381,6 +387,7 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("DISK_WORD_REPEATED", header_word::REPEATED),
         ("DISK_WORD_INHERITED", header_word::INHERITED),
         ("DISK_WORD_ROUNDS", header_word::ROUNDS),
+        ("DISK_WORD_STRIP_WORDS", header_word::STRIP_WORDS),
         ("DISK_ROUND_SHIFT", disk_form::ROUND_SHIFT as usize),
         ("FIELD_NORMAL", disk_form::field::NORMAL),
         ("FIELD_UV", disk_form::field::UV),

@@ -35,7 +35,6 @@ fn inherited(job: TranscodeJob, attributes: u32, field: u32, source: u32) -> u32
     let clusters = load_pool(page + PAGE_WORD_CLUSTER_COUNT);
     let cluster = min(staging[parent + 1u], max(clusters, 1u) - 1u);
     let header = page + PAGE_HEADER_WORDS + cluster * CLUSTER_HEADER_WORDS;
-    let counts = load_pool(header + CLUSTER_WORD_COUNTS);
     let widths = load_pool(header + CLUSTER_WORD_WIDTHS);
     let color_widths = load_pool(header + CLUSTER_WORD_COLOR_WIDTHS);
     var before = 0u;
@@ -48,7 +47,7 @@ fn inherited(job: TranscodeJob, attributes: u32, field: u32, source: u32) -> u32
         return least;
     }
     let record = (source & 0xffu) * vertex_bits_of(attributes, widths, color_widths);
-    let first = page + load_pool(header + CLUSTER_WORD_PAYLOAD) + index_words_of(counts);
+    let first = page + load_pool(header + CLUSTER_WORD_PAYLOAD) + strip_words_of(widths);
     let bit = record + before;
     let word = first + bit / 32u;
     var value = load_pool(word) >> (bit % 32u);

@@ -1,6 +1,7 @@
 // Differences of normals to normals, a workgroup a cluster (x) of a page (y): what is expected is the direction of the cluster's
 // surface at the vertex. Only for pages with normals.
 #import staged_form
+#import strips
 
 @group(0) @binding(2) var<storage, read_write> restored: array<u32>;
 
@@ -10,6 +11,10 @@ const SURFACE_BITS: u32 = 14u;
 
 // Three for each vertex: the sum of the normals of its triangles, as long as twice their areas, modulo 2^32.
 var<workgroup> sums: array<atomic<i32>, 768>;
+
+fn load_strip_word(word: u32) -> u32 {
+    return staging[word];
+}
 
 fn place(job: TranscodeJob, first_vertex: u32, vertex: u32, shift: u32) -> vec3<i32> {
     let vertices = disk_word(job, DISK_WORD_VERTEX_COUNT);
@@ -58,15 +63,10 @@ fn restore_normals(
     workgroupBarrier();
     let widest = max(max(width_of(widths, 0u), width_of(widths, 1u)), width_of(widths, 2u));
     let shift = max(widest, SURFACE_BITS) - SURFACE_BITS;
-    let planes = index_planes(job);
-    let plane_words = index_plane_words(job);
+    let first_strip = strips_word(job) + span.first_strip;
+    let strips = strips_at(first_strip, triangle_count_of(counts), index_bits_of(counts));
     for (var triangle = local; triangle < triangle_count_of(counts); triangle += NORMALS_THREADS) {
-        let index = span.first_triangle + triangle;
-        let corners = vec3(
-            plane_byte(planes, index),
-            plane_byte(planes + plane_words, index),
-            plane_byte(planes + 2u * plane_words, index),
-        );
+        let corners = strip_triangle(strips, triangle);
         let a = place(job, span.first_vertex, corners.x, shift);
         let p = place(job, span.first_vertex, corners.y, shift) - a;
         let q = place(job, span.first_vertex, corners.z, shift) - a;

@@ -14,19 +14,6 @@ fn placed(value: u32, at: u32, start: u32) -> u32 {
     return value >> (start - at);
 }
 
-// Word `word` of a cluster's triangle indices.
-fn index_word(job: TranscodeJob, first_triangle: u32, counts: u32, word: u32) -> u32 {
-    let bits = index_bits_of(counts);
-    let start = word * 32u;
-    let indices = triangle_count_of(counts) * 3u;
-    var value = 0u;
-    for (var index = start / bits; index < indices && index * bits < start + 32u; index++) {
-        let plane = index_planes(job) + (index % 3u) * index_plane_words(job);
-        value |= placed(plane_byte(plane, first_triangle + index / 3u), index * bits, start);
-    }
-    return value;
-}
-
 // A field of a vertex, in the slot that the page keeps it in.
 fn field_value(job: TranscodeJob, attributes: u32, field: u32, vertex: u32) -> u32 {
     var holder = vertex;
@@ -97,9 +84,10 @@ fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
     for (var word = local; word < CLUSTER_HEADER_WORDS; word += TRANSCODE_THREADS) {
         store_pool(header + word, header_word(job, cluster, counts, payload_word, word));
     }
-    let index_words = index_words_of(counts);
-    for (var word = local; word < index_words; word += TRANSCODE_THREADS) {
-        store_pool(job.pool_word + payload_word + word, index_word(job, span.first_triangle, counts, word));
+    let strip_words = strip_words_of(widths);
+    let first_strip = strips_word(job) + span.first_strip;
+    for (var word = local; word < strip_words; word += TRANSCODE_THREADS) {
+        store_pool(job.pool_word + payload_word + word, staging[first_strip + word]);
     }
     var field_widths: array<u32, 11>;
     for (var field = 0u; field < DISK_FIELDS; field++) {
@@ -110,7 +98,7 @@ fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
     let vertex_words = (vertex_count * vertex_bits + 31u) / 32u;
     for (var word = local; word < vertex_words; word += TRANSCODE_THREADS) {
         let value = vertex_word(job, span.first_vertex, vertex_count, field_widths, vertex_bits, word);
-        store_pool(job.pool_word + payload_word + index_words + word, value);
+        store_pool(job.pool_word + payload_word + strip_words + word, value);
     }
 }
 

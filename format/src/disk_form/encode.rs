@@ -12,7 +12,7 @@ use super::{FIELDS, Layout, MAGIC, ROUND_SHIFT, header_word};
 use crate::cluster::{Attributes, Cluster};
 use crate::error::FormatError;
 use crate::limits::MAX_CLUSTER_VERTICES;
-use crate::memory_form::{self, ClusterHeader, cluster_word};
+use crate::memory_form::{self, ClusterHeader, STRIP_WORDS_SHIFT, cluster_word};
 
 /// Writes the disk form of page `page` of an asset; it holds the clusters as [`canonical`] orders them. Those of a group lie
 /// beside each other. What `parents` have is not stored again: clusters of earlier pages that the page depends on, whose
@@ -48,8 +48,11 @@ pub fn encode(
     }
     let all = headers.iter().map(|(header, _)| header);
     let memory_words = memory_form::page_words(all, attributes, tables.len())?;
+    let strip_words = headers.iter().map(|(header, _)| header.strip_words()).sum();
     for ((header, _), round) in headers.iter_mut().zip(&sources.rounds) {
         header.0[cluster_word::COUNTS] |= round << ROUND_SHIFT;
+        // They follow from the triangles.
+        header.0[cluster_word::WIDTHS] &= (1 << STRIP_WORDS_SHIFT) - 1;
     }
     let parents = writer.name_parents(&clusters, &mut headers, parents);
 
@@ -64,6 +67,7 @@ pub fn encode(
         repeated: writer.repeated[0].len(),
         inherited: writer.inherited[0].len(),
         parents: parents.len(),
+        strip_words,
     };
     let layout = Layout::new(attributes, &counts, plane_widths);
     let stored = Stored::new(counts, &layout.field_bytes);
@@ -83,6 +87,7 @@ pub fn encode(
         (header_word::REPEATED, counts.repeated as u32),
         (header_word::INHERITED, counts.inherited as u32),
         (header_word::PARENTS, counts.parents as u32),
+        (header_word::STRIP_WORDS, counts.strip_words as u32),
         (
             header_word::ROUNDS,
             super::rounds(headers.iter().map(|(header, _)| header)),

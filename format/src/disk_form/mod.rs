@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! stored: header (16 words) | columns (13) | parents | steps | extra bytes | kinds | repeated | inherited | vertex planes | tables
-//! staged: header (16 words) | columns (12, a word a cluster) | index planes (3) | sources (a word a vertex) | vertex planes | tables
+//! staged: header (16 words) | columns (12, a word a cluster) | strips | sources (a word a vertex) | vertex planes | tables
 //! ```
 //!
 //! Triangles are steps around open edges (see `topology`). A vertex that an earlier cluster of the page or a parent has is named,
@@ -36,8 +36,8 @@ pub use stored::{Part, sections};
 
 use stored::Counts;
 
-/// "LSD4".
-pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD4");
+/// "LSD5".
+pub const MAGIC: u32 = u32::from_le_bytes(*b"LSD5");
 /// Words before the first column.
 pub const HEADER_WORDS: usize = 16;
 /// Staged columns: every word of a cluster header but its payload offset and its extents, which follow from the others.
@@ -45,7 +45,7 @@ pub const COLUMNS: usize = CLUSTER_HEADER_WORDS - 4;
 /// First bit of a cluster's round in its counts; the memory form has zeros there.
 pub const ROUND_SHIFT: u32 = 28;
 
-/// Word numbers inside the header; the rest is zero.
+/// Word numbers inside the header.
 pub mod header_word {
     /// [`super::MAGIC`].
     pub const MAGIC: usize = 0;
@@ -77,6 +77,8 @@ pub mod header_word {
     pub const PARENTS: usize = 13;
     /// Rounds in which clusters are unpacked.
     pub const ROUNDS: usize = 14;
+    /// Words of all clusters' strips in the memory form.
+    pub const STRIP_WORDS: usize = 15;
 }
 
 /// Fields of a vertex in plane order: x, y, z, normal u, v, texture u, v, r, g, b, a.
@@ -97,10 +99,8 @@ pub mod field {
 pub struct Layout {
     /// Clusters, also the words of one column.
     pub cluster_count: usize,
-    /// First word of the three index planes.
-    pub index_planes: usize,
-    /// Words of one index plane.
-    pub index_plane_words: usize,
+    /// First word of the strips, those of all clusters as the memory form has them.
+    pub strips: usize,
     /// First of the words that say where vertices come from.
     pub sources: usize,
     /// First word of the vertex planes.
@@ -134,16 +134,14 @@ impl Layout {
             color,
             color,
         ];
-        let index_planes = HEADER_WORDS + COLUMNS * counts.clusters;
-        let index_plane_words = counts.triangles.div_ceil(4);
-        let sources = index_planes + 3 * index_plane_words;
+        let strips = HEADER_WORDS + COLUMNS * counts.clusters;
+        let sources = strips + counts.strip_words;
         let vertex_planes = sources + counts.vertices;
         let vertex_plane_words = counts.own().div_ceil(4);
         let tables = vertex_planes + field_bytes.iter().sum::<usize>() * vertex_plane_words;
         Self {
             cluster_count: counts.clusters,
-            index_planes,
-            index_plane_words,
+            strips,
             sources,
             vertex_planes,
             vertex_plane_words,

@@ -10,7 +10,10 @@ use super::{DiskForm, HEADER_WORDS, Layout, MAGIC, header_word, plane_widths, ro
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
 use crate::limits::{MAX_DISK_FORM_BYTES, MAX_PAGE_CLUSTERS};
-use crate::memory_form::{CLUSTER_HEADER_WORDS, PAGE_HEADER_WORDS, cluster_word};
+use crate::memory_form::{
+    CLUSTER_HEADER_WORDS, PAGE_HEADER_WORDS, STRIP_WORDS_SHIFT, cluster_word,
+};
+use crate::strips::{self, MOST_WORDS};
 
 /// Where one cluster's data begins in either form; follows from the headers before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -18,8 +21,8 @@ use crate::memory_form::{CLUSTER_HEADER_WORDS, PAGE_HEADER_WORDS, cluster_word};
 pub struct ClusterSpan {
     /// First vertex of the page's.
     pub first_vertex: u32,
-    /// First triangle in the index planes.
-    pub first_triangle: u32,
+    /// First of its words in the strips.
+    pub first_strip: u32,
     /// First payload word in the memory form, from the start of the page.
     pub payload_word: u32,
     /// First of its own vertices in the vertex planes.
@@ -40,7 +43,7 @@ impl DiskForm {
         ensure(
             header[header_word::MAGIC] == MAGIC,
             "disk form magic",
-            "LSD4",
+            "LSD5",
             hex(header[header_word::MAGIC]),
         )?;
         let attributes = Attributes(header[header_word::ATTRIBUTES]);
@@ -50,9 +53,6 @@ impl DiskForm {
             "at most 7",
             attributes.0,
         )?;
-        let spare = header[header_word::ROUNDS + 1..].iter().copied();
-        let spare = spare.fold(0, |sum, word| sum | word);
-        ensure(spare == 0, "disk form spare header words", 0, spare)?;
         let counts = Counts::read(header)?;
         let widths = header[header_word::PLANE_WIDTHS];
         let layout = Layout::new(attributes, &counts, widths);
@@ -105,10 +105,11 @@ impl DiskForm {
                 hex(header[word]),
             )?;
         }
-        form.place(attributes, &counts)?;
+        form.place(&counts)?;
         form.check_parents(&parents)?;
         stored.stage_planes(bytes, &layout, bytemuck::cast_slice_mut(&mut form.words));
         form.unpack(&stored, bytes, &counts, &parents)?;
+        form.place_payloads(attributes, &counts)?;
         form.check_repeated()?;
         for word in (0..cluster_word::EXTENT).filter(|&word| word != cluster_word::PAYLOAD) {
             let column = form.layout.column(word);
@@ -122,29 +123,46 @@ impl DiskForm {
         Ok(form)
     }
 
-    fn place(&mut self, attributes: Attributes, counts: &Counts) -> Result<(), FormatError> {
+    fn place(&mut self, counts: &Counts) -> Result<(), FormatError> {
         let (mut vertex, mut triangle) = (0, 0);
-        let mut payload = PAGE_HEADER_WORDS + CLUSTER_HEADER_WORDS * self.layout.cluster_count;
         for header in &self.headers {
             self.spans.push(ClusterSpan {
                 first_vertex: vertex as u32,
-                first_triangle: triangle as u32,
-                payload_word: payload as u32,
+                first_strip: 0,
+                payload_word: 0,
                 first_own: 0,
             });
             vertex += header.vertex_count() as usize;
             triangle += header.triangle_count() as usize;
-            payload += header.payload_words(attributes);
         }
-        let total = payload + counts.table_words;
-        self.tables_word = payload as u32;
         for (at, expected, found) in [
             ("vertices of all clusters", counts.vertices, vertex),
             ("triangles of all clusters", counts.triangles, triangle),
-            ("memory form words", total, self.memory_words()),
         ] {
             ensure(expected == found, at, expected, found)?;
         }
+        Ok(())
+    }
+
+    /// Where the memory form has what; the words of the strips are known.
+    fn place_payloads(
+        &mut self,
+        attributes: Attributes,
+        counts: &Counts,
+    ) -> Result<(), FormatError> {
+        let mut payload = PAGE_HEADER_WORDS + CLUSTER_HEADER_WORDS * self.layout.cluster_count;
+        for (header, span) in self.headers.iter().zip(&mut self.spans) {
+            span.payload_word = payload as u32;
+            payload += header.payload_words(attributes);
+        }
+        self.tables_word = payload as u32;
+        let total = payload + counts.table_words;
+        ensure(
+            total == self.memory_words(),
+            "memory form words",
+            total,
+            self.memory_words(),
+        )?;
         ensure(
             total <= crate::limits::PAGE_WORDS,
             "memory form words",
@@ -208,7 +226,9 @@ impl DiskForm {
     ) -> Result<(), FormatError> {
         let layout = self.layout;
         let (before, sources) = self.words.split_at_mut(layout.sources);
-        let indices: &mut [u8] = bytemuck::cast_slice_mut(&mut before[layout.index_planes..]);
+        let all_strips = &mut before[layout.strips..];
+        let mut strip_words = 0;
+        let mut strips = Vec::with_capacity(MOST_WORDS);
         let wrong = |found: &str| {
             FormatError::new(
                 "triangles of all clusters",
@@ -239,12 +259,12 @@ impl DiskForm {
             last_inherited: (0, 0),
             wrong: None,
         };
-        let mut planes = split_planes(indices, 4 * layout.index_plane_words);
         let mut triangles = Triangles::default();
-        for (cluster, header) in self.headers.iter().enumerate() {
+        let mut group = None;
+        for (cluster, header) in self.headers.iter_mut().enumerate() {
             let span = &mut self.spans[cluster];
             span.first_own = reader.own as u32;
-            let same = cluster > 0 && self.headers[cluster - 1].group() == header.group();
+            let same = group.replace(header.group()) == Some(header.group());
             let first = if same {
                 reader.parents.start
             } else {
@@ -263,10 +283,18 @@ impl DiskForm {
             if found != vertices {
                 return Err(wrong(format!("{vertices} vertices"), format!("{found}")));
             }
-            let first = span.first_triangle as usize;
-            for (plane, corners) in planes.iter_mut().zip(&triangles.corners) {
-                plane[first..first + count].copy_from_slice(&corners[..count]);
-            }
+            strips.clear();
+            strips::encode(triangles.first(count), header.index_bits(), &mut strips);
+            header.0[cluster_word::WIDTHS] |= (strips.len() as u32) << STRIP_WORDS_SHIFT;
+            span.first_strip = strip_words as u32;
+            let Some(own) = all_strips.get_mut(strip_words..strip_words + strips.len()) else {
+                return Err(wrong(
+                    format!("strips of {} words", counts.strip_words),
+                    "more".into(),
+                ));
+            };
+            own.copy_from_slice(&strips);
+            strip_words += strips.len();
             let own = &mut sources[span.first_vertex as usize..][..vertices];
             reader.read(&triangles.beyond[..vertices], own);
             if let Some(found) = reader.wrong {
@@ -281,6 +309,7 @@ impl DiskForm {
         for (at, expected, found) in [
             ("repeated vertices", counts.repeated, reader.at[0]),
             ("inherited vertices", counts.inherited, reader.at[1]),
+            ("words of all strips", counts.strip_words, strip_words),
         ] {
             ensure(expected == found, at, expected, found)?;
         }
@@ -315,13 +344,6 @@ impl DiskForm {
         }
         Ok(())
     }
-}
-
-/// Three planes of `bytes` each.
-fn split_planes(indices: &mut [u8], bytes: usize) -> [&mut [u8]; 3] {
-    let (first, rest) = indices.split_at_mut(bytes);
-    let (second, third) = rest.split_at_mut(bytes);
-    [first, second, third]
 }
 
 /// Reads where vertices come from.

@@ -11,11 +11,12 @@ use super::{DiskForm, FIELDS, ROUND_SHIFT, field, round};
 use crate::bits::{bits_for, read_bits};
 use crate::cluster::Attributes;
 use crate::error::{FormatError, ensure};
-use crate::limits::{MAX_CLUSTER_TRIANGLES, MAX_CLUSTER_VERTICES, MAX_EXTENT_STEPS};
+use crate::limits::{MAX_CLUSTER_VERTICES, MAX_EXTENT_STEPS};
 use crate::memory_form::{
     CLUSTER_HEADER_WORDS, ClusterHeader, MAGIC, PAGE_HEADER_WORDS, cluster_word, page_word,
 };
 use crate::octahedral::NORMAL_BITS;
+use crate::strips::Strips;
 
 /// The memory form of a page; `parent` gives those of pages before it, of the same asset. A page that the form names and
 /// that is not there, or a cluster or vertex that is not in it, is an error, and so are values that their bits do not suit.
@@ -80,7 +81,7 @@ impl<'a> ParentView<'a> {
         let first = PAGE_HEADER_WORDS + cluster as usize * CLUSTER_HEADER_WORDS;
         let words = page.get(first..first + CLUSTER_HEADER_WORDS)?;
         let header = ClusterHeader(words.try_into().ok()?);
-        let records = header.0[cluster_word::PAYLOAD] as usize + header.index_words();
+        let records = header.0[cluster_word::PAYLOAD] as usize + header.strip_words();
         let bits = header.field_bits(attributes);
         let mut before = [0; FIELDS];
         for field in 1..FIELDS {
@@ -139,7 +140,6 @@ struct Page<'a, const N: usize> {
     form: &'a DiskForm,
     parents: &'a [ParentView<'a>],
     sources: &'a [u32],
-    indices: [&'a [u8]; 3],
     /// Smallest values of each cluster.
     least: Vec<Lanes<N>>,
     /// Offsets of all vertices, as far as they are known.
@@ -147,24 +147,21 @@ struct Page<'a, const N: usize> {
     /// Signed differences of a cluster's own vertices.
     differences: Vec<Lanes<N>>,
     surface: Surface,
-    payload: Vec<u8>,
+    records: Vec<u8>,
 }
 
 impl<'a, const N: usize> Page<'a, N> {
     fn new(form: &'a DiskForm, parents: &'a [ParentView<'a>]) -> Self {
         let layout = form.layout();
-        let indices: &[u8] = bytemuck::cast_slice(&form.words[layout.index_planes..]);
-        let plane = 4 * layout.index_plane_words;
         Self {
             form,
             parents,
             sources: form.sources(),
-            indices: [0, 1, 2].map(|corner| &indices[corner * plane..]),
             least: form.headers.iter().map(|it| lanes(least(it))).collect(),
             values: vec![[0; N]; layout.vertex_planes - layout.sources],
             differences: vec![[0; N]; MAX_CLUSTER_VERTICES],
             surface: Surface::default(),
-            payload: vec![0; MOST_PAYLOAD_BYTES],
+            records: vec![0; MOST_RECORD_BYTES],
         }
     }
 
@@ -189,11 +186,9 @@ impl<'a, const N: usize> Page<'a, N> {
         Ok(words)
     }
 
-    fn triangles(&self, cluster: usize) -> impl Iterator<Item = [u8; 3]> + use<'a, N> {
-        let first = self.form.spans[cluster].first_triangle as usize;
-        let count = self.form.headers[cluster].triangle_count() as usize;
-        let [a, b, c] = self.indices.map(|plane| &plane[first..][..count]);
-        a.iter().zip(b).zip(c).map(|((&a, &b), &c)| [a, b, c])
+    fn strips(&self, cluster: usize) -> &'a [u32] {
+        let first = self.form.layout.strips + self.form.spans[cluster].first_strip as usize;
+        &self.form.words[first..][..self.form.headers[cluster].strip_words()]
     }
 
     /// Works out the vertices of a cluster.
@@ -258,9 +253,14 @@ impl<'a, const N: usize> Page<'a, N> {
         }
         if own > 0 && form.attributes().has(Attributes::NORMAL) {
             let shift = surface_shift([bits[0], bits[1], bits[2]]);
-            let triangles = self.triangles(cluster);
+            let strips = Strips::new(
+                self.strips(cluster),
+                header.triangle_count(),
+                header.index_bits(),
+            );
             let values = &mut self.values[first..first + count];
-            self.surface.normals(values, sources, triangles, shift);
+            self.surface
+                .normals(values, sources, strips.triangles(), shift);
         }
     }
 
@@ -282,14 +282,8 @@ impl<'a, const N: usize> Page<'a, N> {
         let at = PAGE_HEADER_WORDS + cluster * CLUSTER_HEADER_WORDS;
         words[at..at + CLUSTER_HEADER_WORDS].copy_from_slice(&header.0);
 
-        let index_bits = header.index_bits();
-        let triangles = self.triangles(cluster);
-        let mut writer = Bits::new(&mut self.payload);
-        for [a, b, c] in triangles {
-            let triangle = a as u64 | (b as u64) << index_bits | (c as u64) << (2 * index_bits);
-            writer.push(triangle, 3 * index_bits);
-        }
-        writer.align();
+        let strips = self.strips(cluster);
+        let mut writer = Bits::new(&mut self.records);
         let [x, y, z, nu, nv, u, v, r, g, b, a] = header.field_bits(self.form.attributes());
         for value in values {
             let wide = |lane: usize| value[lane] as u64;
@@ -304,7 +298,10 @@ impl<'a, const N: usize> Page<'a, N> {
         writer.align();
         let count = header.payload_words(self.form.attributes());
         let payload = &mut words[span.payload_word as usize..][..count];
-        bytemuck::cast_slice_mut(payload).copy_from_slice(&self.payload[..4 * count]);
+        let (own_strips, records) = payload.split_at_mut(strips.len());
+        own_strips.copy_from_slice(strips);
+        let records: &mut [u8] = bytemuck::cast_slice_mut(records);
+        records.copy_from_slice(&self.records[..records.len()]);
         Ok(())
     }
 }
@@ -426,10 +423,9 @@ fn read_differences<const N: usize>(form: &DiskForm, first: usize, into: &mut [L
     }
 }
 
-/// Bytes of the largest payload: indices of eight bits, records of five coordinates of 24, two normals of 10, four
-/// channels of 8; and the eight that a push may touch.
-const MOST_PAYLOAD_BYTES: usize =
-    3 * MAX_CLUSTER_TRIANGLES + (5 * 24 + 2 * 10 + 4 * 8) * MAX_CLUSTER_VERTICES / 8 + 16;
+/// Bytes of the most vertex records: five coordinates of 24, two normals of 10, four channels of 8; and the eight that a
+/// push may touch.
+const MOST_RECORD_BYTES: usize = (5 * 24 + 2 * 10 + 4 * 8) * MAX_CLUSTER_VERTICES / 8 + 16;
 
 /// Writes a bit stream into bytes that are there, eight at a time; what lies after the last bit is garbage until it is aligned.
 struct Bits<'a> {

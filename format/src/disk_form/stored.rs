@@ -38,6 +38,7 @@ pub(super) struct Counts {
     pub repeated: usize,
     pub inherited: usize,
     pub parents: usize,
+    pub strip_words: usize,
 }
 
 impl Counts {
@@ -90,6 +91,11 @@ impl Counts {
                 inherited,
             )?,
             parents: size(header_word::PARENTS, "disk form parents", 0..=most)?,
+            strip_words: size(
+                header_word::STRIP_WORDS,
+                "disk form strip words",
+                1..=PAGE_WORDS,
+            )?,
         })
     }
 }

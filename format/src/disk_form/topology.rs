@@ -268,6 +268,13 @@ impl Triangles {
         self.beyond[number % MAX_CLUSTER_VERTICES] = beyond;
     }
 
+    /// The first triangles, corner by corner.
+    pub fn first(&self, count: usize) -> impl ExactSizeIterator<Item = [u8; 3]> + '_ {
+        let [a, b, c] = &self.corners;
+        let bc = b.iter().zip(c);
+        a[..count].iter().zip(bc).map(|(&a, (&b, &c))| [a, b, c])
+    }
+
     #[inline(always)]
     fn triangle(&mut self, number: usize, corners: [u8; 3]) {
         for (plane, corner) in self.corners.iter_mut().zip(corners) {

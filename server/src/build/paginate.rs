@@ -83,6 +83,8 @@ pub(super) fn paginate(grids: &Grids, dag: &Dag) -> Result<Pages, BuildError> {
             .map(|&cluster| {
                 let part = dag.parts(&[cluster])?;
                 let cluster = to_format(grids, &ClusterView::new(&part[0]));
+                // The order of the triangles decides how many words they take.
+                let cluster = disk_form::canonical(&cluster);
                 Ok(ClusterSize::of(&cluster, grids.attributes))
             })
             .collect::<Result<_, BuildError>>()?;
@@ -197,7 +199,7 @@ impl Filling {
             + when(Attributes::NORMAL, 4)
             + when(Attributes::COLOR, 4);
         let disk_words = disk_form::HEADER_WORDS
-            + disk_form::COLUMNS * self.clusters
+            + (disk_form::COLUMNS + 4) * self.clusters
             + 5 * self.triangles.div_ceil(4)
             + self.vertices
             + vertex_planes * self.vertices.div_ceil(4)

@@ -1,5 +1,6 @@
 // Random access into a cluster in the page pool, as memory_form::ClusterView has it. Needs `load_pool`.
 #import memory_form
+#import strips
 
 struct Cluster {
     // First word of the page in the pool.
@@ -17,8 +18,8 @@ struct Cluster {
     color_min: u32,
     child_group: u32,
     group: u32,
-    // First words of the indices and of the vertex records in the pool.
-    index_word: u32,
+    strips: Strips,
+    // First word of the vertex records in the pool.
     vertex_word: u32,
     vertex_bits: u32,
 }
@@ -50,8 +51,9 @@ fn load_cluster(page_word: u32, cluster: u32) -> Cluster {
     c.color_min = load_pool(first + CLUSTER_WORD_COLOR_MIN);
     c.child_group = load_pool(first + CLUSTER_WORD_CHILD_GROUP);
     c.group = load_pool(first + CLUSTER_WORD_GROUP);
-    c.index_word = page_word + load_pool(first + CLUSTER_WORD_PAYLOAD);
-    c.vertex_word = c.index_word + index_words_of(c.counts);
+    let payload_word = page_word + load_pool(first + CLUSTER_WORD_PAYLOAD);
+    c.strips = strips_at(payload_word, triangle_count_of(c.counts), index_bits_of(c.counts));
+    c.vertex_word = payload_word + strip_words_of(c.widths);
     c.vertex_bits = vertex_bits_of(c.attributes, c.widths, c.color_widths);
     return c;
 }
@@ -87,15 +89,13 @@ fn cluster_field(c: Cluster, vertex: u32, before: u32, bits: u32) -> u32 {
     return load_bits(c.vertex_word, vertex * c.vertex_bits + before, bits);
 }
 
+fn load_strip_word(word: u32) -> u32 {
+    return load_pool(word);
+}
+
 // Vertex indices of a triangle.
 fn cluster_triangle(c: Cluster, triangle: u32) -> vec3<u32> {
-    let bits = index_bits_of(c.counts);
-    let first = triangle * 3u * bits;
-    return vec3<u32>(
-        load_bits(c.index_word, first, bits),
-        load_bits(c.index_word, first + bits, bits),
-        load_bits(c.index_word, first + 2u * bits, bits),
-    );
+    return strip_triangle(c.strips, triangle);
 }
 
 // Local position, metres. Integers first: grid indices stay below 2^24, so that every step of the way is exact.

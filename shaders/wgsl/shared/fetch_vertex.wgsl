@@ -29,8 +29,7 @@ fn fetch_corner(visible_index: u32, vertex_index: u32) -> Corner {
     corner.clip = vec4<f32>(0.0, 0.0, 0.0, 1.0);
     if corner.triangle < cluster_triangle_count(corner.cluster) {
         let instance = instances[item.instance];
-        let triangle = cluster_triangle(corner.cluster, corner.triangle);
-        corner.vertex = triangle[vertex_index % 3u];
+        corner.vertex = strip_corner(corner.cluster.strips, corner.triangle, vertex_index % 3u);
         let step = assets[instance.asset].position_step;
         corner.clip = clip_from_local(instance, cluster_position_local(corner.cluster, corner.vertex, step));
         corner.drawn = 1u;

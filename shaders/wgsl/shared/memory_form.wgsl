@@ -1,8 +1,9 @@
 // Numbers of the memory form (format/src/memory_form.rs; tests/reflection.rs compares them).
 
-const MAGIC: u32 = 0x314d534cu;
+const MAGIC: u32 = 0x324d534cu;
 const PAGE_HEADER_WORDS: u32 = 8u;
 const CLUSTER_HEADER_WORDS: u32 = 16u;
+const STRIP_WORDS_SHIFT: u32 = 25u;
 const MATERIAL_TABLE_FLAG: u32 = 0x800000u;
 const NORMAL_BITS: u32 = 10u;
 const NO_GROUP: u32 = 0xffffffffu;
@@ -56,9 +57,9 @@ fn color_width_of(color_widths: u32, channel: u32) -> u32 {
     return (color_widths >> (4u * channel)) & 0xfu;
 }
 
-// Words of a cluster's triangle indices.
-fn index_words_of(counts: u32) -> u32 {
-    return (triangle_count_of(counts) * 3u * index_bits_of(counts) + 31u) / 32u;
+// Words of a cluster's strips.
+fn strip_words_of(widths: u32) -> u32 {
+    return widths >> STRIP_WORDS_SHIFT;
 }
 
 // Bits from the start of a vertex record to its normal.

@@ -19,6 +19,7 @@ const DISK_WORD_PLANE_WIDTHS: u32 = 8u;
 const DISK_WORD_REPEATED: u32 = 11u;
 const DISK_WORD_INHERITED: u32 = 12u;
 const DISK_WORD_ROUNDS: u32 = 14u;
+const DISK_WORD_STRIP_WORDS: u32 = 15u;
 const DISK_FIELDS: u32 = 11u;
 const DISK_ROUND_SHIFT: u32 = 28u;
 const CLUSTER_SPAN_WORDS: u32 = 4u;
@@ -37,7 +38,7 @@ const SOURCE_KIND_SHIFT: u32 = 30u;
 
 struct ClusterSpan {
     first_vertex: u32,
-    first_triangle: u32,
+    first_strip: u32,
     payload_word: u32,
     first_own: u32,
 }
@@ -112,16 +113,12 @@ fn field_of(attributes: u32, slot: u32) -> u32 {
     return field;
 }
 
-fn index_planes(job: TranscodeJob) -> u32 {
+fn strips_word(job: TranscodeJob) -> u32 {
     return job.disk_word + DISK_HEADER_WORDS + DISK_COLUMNS * disk_word(job, DISK_WORD_CLUSTER_COUNT);
 }
 
-fn index_plane_words(job: TranscodeJob) -> u32 {
-    return (disk_word(job, DISK_WORD_TRIANGLE_COUNT) + 3u) / 4u;
-}
-
 fn sources(job: TranscodeJob) -> u32 {
-    return index_planes(job) + 3u * index_plane_words(job);
+    return strips_word(job) + disk_word(job, DISK_WORD_STRIP_WORDS);
 }
 
 fn vertex_plane_words(job: TranscodeJob) -> u32 {
