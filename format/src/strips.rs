@@ -12,7 +12,7 @@
 //! What comes before a triangle is counted in the masks: next vertices, one for each NEW and two for each RESTART with TURN; listed ones,
 //! one for each that is not NEW and two for each RESTART without TURN.
 
-use crate::bits::{BitWriter, read_bits};
+use crate::bits::read_bits;
 
 /// Masks of 32 triangles, in order.
 pub mod mask {
@@ -35,45 +35,45 @@ pub fn encode(
     index_bits: u32,
     words: &mut Vec<u32>,
 ) {
-    let first = words.len();
-    words.resize(first + mask::COUNT * triangles.len().div_ceil(32), 0);
-    let mut listed = BitWriter::default();
+    let count = triangles.len();
+    let masks = words.len();
+    words.resize(masks + mask::COUNT * count.div_ceil(32), 0);
+    // Listed vertices that do not fill a word yet.
+    let (mut waiting, mut waiting_bits) = (0u64, 0);
     let mut next = 0u32;
-    let mut before: Option<[u8; 3]> = None;
+    // Of the triangle before; no number at first.
+    let [mut last_from, mut last_to, mut last_third] = [u32::MAX; 3];
+    let mut block = [0u32; mask::COUNT];
     for (number, triangle) in triangles.enumerate() {
-        let [from, to, _] = triangle;
-        let turn = match before {
-            Some([_, to_before, third_before]) if [from, to] == [third_before, to_before] => {
-                Some(false)
+        let [from, to, third] = triangle.map(u32::from);
+        let straight = from == last_third && to == last_to;
+        let turned = !straight && from == last_from && to == last_third;
+        let mut is_new = third == next;
+        let mut turns = turned;
+        // Strips first, since a branch less is what their speed comes from.
+        let mut list = third as u64;
+        let mut listed = u32::from(!is_new);
+        let restarts = !(straight || turned);
+        if restarts {
+            if third == to + 1 && to == next {
+                (turns, is_new, list, listed) = (true, false, from as u64, 1);
+            } else if from == next && to == next + 1 && third == next + 2 {
+                (turns, is_new, listed) = (true, true, 0);
+            } else {
+                listed += 2;
+                list = from as u64 | (to as u64) << index_bits | list << (2 * index_bits);
             }
-            Some([from_before, _, third_before]) if [from, to] == [from_before, third_before] => {
-                Some(true)
-            }
-            _ => None,
-        };
-        before = Some(triangle);
-        let [a, b, c] = triangle.map(u32::from);
-        let mut is_new = c == next;
-        let mut turns = turn == Some(true);
-        let mut list = |vertices: &[u32]| {
-            vertices
-                .iter()
-                .for_each(|&vertex| listed.push(vertex, index_bits))
-        };
-        match turn {
-            Some(_) if is_new => {}
-            Some(_) => list(&[c]),
-            None if [a, b, c] == [next, next + 1, next + 2] => (is_new, turns) = (true, true),
-            None if [b, c] == [next, next + 1] => {
-                (is_new, turns) = (false, true);
-                list(&[a]);
-            }
-            None if is_new => list(&[a, b]),
-            None => list(&[a, b, c]),
         }
-        let restarts = turn.is_none();
+        let list_bits = listed * index_bits;
+        waiting |= (list & ((1 << list_bits) - 1)) << waiting_bits;
+        waiting_bits += list_bits;
+        if waiting_bits >= 32 {
+            words.push(waiting as u32);
+            waiting >>= 32;
+            waiting_bits -= 32;
+        }
         next += u32::from(is_new) + 2 * u32::from(restarts && turns);
-        let block = &mut words[first + mask::COUNT * (number / 32)..][..mask::COUNT];
+        [last_from, last_to, last_third] = [from, to, third];
         for (mask, is_set) in [
             (mask::NEW, is_new),
             (mask::RESTART, restarts),
@@ -81,8 +81,14 @@ pub fn encode(
         ] {
             block[mask] |= u32::from(is_set) << (number % 32);
         }
+        if number % 32 == 31 || number + 1 == count {
+            words[masks + mask::COUNT * (number / 32)..][..mask::COUNT].copy_from_slice(&block);
+            block = [0; mask::COUNT];
+        }
     }
-    words.extend(listed.into_words());
+    if waiting_bits > 0 {
+        words.push(waiting as u32);
+    }
 }
 
 /// Random access into words that [`encode`] wrote. What is past them reads as zeros.
