@@ -121,7 +121,7 @@ pub(super) struct ServeArgs {
     /// Threads that answer; all cores by default.
     #[arg(long, value_name = "N", value_parser = values::threads)]
     pub threads: Option<usize>,
-    /// Most bytes of page tables kept in memory; units as in 256MiB.
+    /// Most bytes of pages and page tables kept in memory; units as in 256MiB.
     #[arg(long, value_name = "BYTES", default_value_t = DEFAULT_CACHE_BYTES as u64, value_parser = values::bytes)]
     pub cache_bytes: u64,
 }

@@ -1,11 +1,18 @@
-//! A range of an object as a response body of known length, in bounded memory.
+//! Bytes of objects as response bodies of known length, in bounded memory.
 
+use std::collections::VecDeque;
+use std::convert::Infallible;
 use std::ops::Range;
+use std::pin::Pin;
+use std::task::{Context, Poll};
 
-use axum::body::Body;
+use axum::body::{Body, HttpBody};
+use bytes::Bytes;
 use futures_util::TryStreamExt;
-use lodestream_format::ContentHash;
+use hyper::body::{Frame, SizeHint};
+use lodestream_format::{Asset, ContentHash};
 
+use super::AppState;
 use super::error::HttpError;
 use crate::library::Library;
 
@@ -26,6 +33,60 @@ pub(super) async fn range_body(
     Ok(Body::from_stream(pieces.inspect_err(|error| {
         tracing::error!("answer cut short: {error}");
     })))
+}
+
+/// The bytes `range` of an asset's pack; those of up to a few pages come from the cache.
+pub(super) async fn pack_body(
+    state: &AppState,
+    asset: &Asset,
+    range: Range<u64>,
+) -> Result<Body, HttpError> {
+    let shared = &state.0;
+    if range.end - range.start > WHOLE_BYTES {
+        return range_body(&shared.library, &asset.pack, range).await;
+    }
+    let mut slices = shared.pages.range(&shared.library, asset, range).await?;
+    Ok(match slices.len() {
+        0 | 1 => Body::from(slices.pop().unwrap_or_default()),
+        _ => Body::new(Slices::from(slices)),
+    })
+}
+
+/// Bytes that are there, piece after piece.
+struct Slices {
+    slices: VecDeque<Bytes>,
+    bytes: u64,
+}
+
+impl From<Vec<Bytes>> for Slices {
+    fn from(slices: Vec<Bytes>) -> Self {
+        Self {
+            bytes: slices.iter().map(|slice| slice.len() as u64).sum(),
+            slices: slices.into(),
+        }
+    }
+}
+
+impl HttpBody for Slices {
+    type Data = Bytes;
+    type Error = Infallible;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
+        let slice = self.slices.pop_front();
+        self.bytes -= slice.as_ref().map_or(0, |slice| slice.len() as u64);
+        Poll::Ready(slice.map(|slice| Ok(Frame::data(slice))))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.slices.is_empty()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        SizeHint::with_exact(self.bytes)
+    }
 }
 
 /// Whether an object of `bytes` is sent whole, after its hash was checked.

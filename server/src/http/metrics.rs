@@ -19,6 +19,7 @@ use bytes::Bytes;
 use hyper::body::{Frame, SizeHint};
 
 use super::AppState;
+use super::page_cache::CacheCounts;
 
 /// Upper bounds of the latency histogram, seconds.
 const BUCKETS_SECS: [f64; 14] = [
@@ -62,7 +63,7 @@ impl Metrics {
         }
     }
 
-    fn text(&self, viewers: usize) -> String {
+    fn text(&self, viewers: usize, cache: CacheCounts) -> String {
         let routes = self
             .routes
             .lock()
@@ -70,7 +71,7 @@ impl Metrics {
             .clone();
         let mut text = String::new();
         // Writing to a string cannot fail.
-        let _ = self.write(&mut text, &routes, viewers);
+        let _ = self.write(&mut text, &routes, viewers, cache);
         text
     }
 
@@ -79,6 +80,7 @@ impl Metrics {
         text: &mut String,
         routes: &BTreeMap<String, RouteCounters>,
         viewers: usize,
+        cache: CacheCounts,
     ) -> std::fmt::Result {
         family(text, "requests_total", "counter", "Requests finished.")?;
         for (route, counters) in routes {
@@ -139,7 +141,17 @@ impl Metrics {
             "gauge",
             "Viewers whose posts are remembered.",
         )?;
-        writeln!(text, "lodestream_viewers {viewers}")
+        writeln!(text, "lodestream_viewers {viewers}")?;
+        let help = "Pieces of packs that were in memory, or had to be read.";
+        family(text, "page_cache_reads_total", "counter", help)?;
+        for (result, count) in [("hit", cache.hits), ("miss", cache.misses)] {
+            writeln!(
+                text,
+                "lodestream_page_cache_reads_total{{result=\"{result}\"}} {count}"
+            )?;
+        }
+        family(text, "page_cache_bytes", "gauge", "Bytes of packs held.")?;
+        writeln!(text, "lodestream_page_cache_bytes {}", cache.bytes)
     }
 }
 
@@ -150,7 +162,8 @@ fn family(text: &mut String, name: &str, kind: &str, help: &str) -> std::fmt::Re
 
 /// `GET /metrics`
 pub(super) async fn metrics(State(state): State<AppState>) -> impl IntoResponse {
-    let text = state.0.metrics.text(state.0.viewers.count());
+    let (viewers, cache) = (state.0.viewers.count(), state.0.pages.counts());
+    let text = state.0.metrics.text(viewers, cache);
     (
         [(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")],
         text,

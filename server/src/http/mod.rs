@@ -11,6 +11,7 @@ mod health;
 mod metrics;
 mod objects;
 mod open;
+mod page_cache;
 mod page_plan;
 mod pages;
 mod post_pages;
@@ -29,6 +30,7 @@ use axum::routing::{get, post};
 
 use crate::library::Library;
 use metrics::Metrics;
+use page_cache::PageCache;
 use tables::AssetTables;
 use viewers::Viewers;
 
@@ -43,17 +45,19 @@ pub struct AppState(Arc<Shared>);
 struct Shared {
     library: Library,
     tables: AssetTables,
+    pages: PageCache,
     viewers: Viewers,
     metrics: Metrics,
     draining: AtomicBool,
 }
 
 impl AppState {
-    /// State over `library` with at most about `cache_bytes` of parsed page tables.
+    /// State over `library` with at most about `cache_bytes` in memory: a quarter of it for page tables, the rest for pages.
     pub fn new(library: Library, cache_bytes: usize) -> Self {
         Self(Arc::new(Shared {
             library,
-            tables: AssetTables::new(cache_bytes),
+            tables: AssetTables::new(cache_bytes / 4),
+            pages: PageCache::new(cache_bytes - cache_bytes / 4),
             viewers: Viewers::default(),
             metrics: Metrics::default(),
             draining: AtomicBool::new(false),

@@ -74,8 +74,12 @@ async fn asset_blocks(state: AppState, hash: ContentHash) -> Result<Vec<Bytes>, 
     let (asset_object, hierarchy, root_pages) = futures_util::try_join!(
         library.object(&hash),
         library.object(&asset.hierarchy),
-        library.object_range(&asset.pack, 0..root_bytes),
+        state.0.pages.range(library, &asset, 0..root_bytes),
     )?;
+    let root_pages = match <[Bytes; 1]>::try_from(root_pages) {
+        Ok([one]) => one,
+        Err(slices) => Bytes::from(slices.concat()),
+    };
     state.0.metrics.pages_sent(asset.root_page_count as u64);
     let pieces = [
         block(BlockKind::Asset, hash, asset_object),

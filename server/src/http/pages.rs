@@ -10,7 +10,7 @@ use axum::response::{IntoResponse, Response};
 use lodestream_format::FormatError;
 
 use super::AppState;
-use super::body::range_body;
+use super::body::pack_body;
 use super::error::HttpError;
 use super::etag::{self, IMMUTABLE};
 use super::objects::parse_hash;
@@ -48,7 +48,7 @@ pub(super) async fn pages(
     headers.insert(CONTENT_LENGTH, HeaderValue::from(bytes.end - bytes.start));
     let body = match method == Method::HEAD {
         true => Body::empty(),
-        false => range_body(library, &asset.pack, bytes).await?,
+        false => pack_body(&state, &asset, bytes).await?,
     };
     if method != Method::HEAD {
         state.0.metrics.pages_sent((last - first + 1) as u64);

@@ -3,14 +3,16 @@
 //! Memory of one answer: `ANSWERS_AHEAD` + 2 reads of about `JOIN_BYTES`, whatever was asked for. The answer ends early, with
 //! its end block, when a later post of the same viewer comes; with nothing, when the connection goes.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use axum::body::{Body, to_bytes};
 use axum::extract::{Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
-use bytes::{BufMut, Bytes, BytesMut};
-use futures_util::stream;
+use bytes::Bytes;
+use futures_util::{StreamExt, stream};
+use lodestream_format::asset::PageEntry;
 use lodestream_format::wire::{self, BlockKind, PageStatus, PagesPost};
 use lodestream_format::{Asset, ContentHash, FormatError};
 use tokio::sync::mpsc;
@@ -42,10 +44,11 @@ pub(super) async fn post_pages(
     let turn = state.0.viewers.enter(post.viewer, post.sequence);
     let (sender, receiver) = mpsc::channel(ANSWERS_AHEAD);
     tokio::spawn(answer(state, plan, turn, sender));
-    let blocks = stream::unfold(receiver, |mut receiver| async {
-        let block: Bytes = receiver.recv().await?;
-        Some((Ok::<_, std::convert::Infallible>(block), receiver))
+    let runs = stream::unfold(receiver, |mut receiver| async {
+        let run: Vec<Bytes> = receiver.recv().await?;
+        Some((stream::iter(run), receiver))
     });
+    let blocks = runs.flatten().map(Ok::<_, std::convert::Infallible>);
     let headers = [
         (CONTENT_TYPE, wire::MEDIA_TYPE),
         (CACHE_CONTROL, "no-store"),
@@ -68,7 +71,12 @@ async fn read_post(body: Body) -> Result<PagesPost, HttpError> {
 }
 
 /// Sends run after run, until done, superseded, or nobody listens.
-async fn answer(state: AppState, mut plan: PagePlan, mut turn: Turn, sender: mpsc::Sender<Bytes>) {
+async fn answer(
+    state: AppState,
+    mut plan: PagePlan,
+    mut turn: Turn,
+    sender: mpsc::Sender<Vec<Bytes>>,
+) {
     while let Some(asset) = plan.next_asset() {
         let block = tokio::select! {
             biased;
@@ -82,13 +90,13 @@ async fn answer(state: AppState, mut plan: PagePlan, mut turn: Turn, sender: mps
             sent = sender.send_timeout(block, STALL_TIMEOUT) => if sent.is_err() { return },
         }
     }
-    let end = Bytes::copy_from_slice(&wire::end_block());
+    let end = vec![Bytes::copy_from_slice(&wire::end_block())];
     // An error means that nobody listens any longer.
     let _ = sender.send_timeout(end, STALL_TIMEOUT).await;
 }
 
 /// Reads the next run; gives its blocks end to end.
-async fn next_blocks(state: &AppState, plan: &mut PagePlan, asset_hash: ContentHash) -> Bytes {
+async fn next_blocks(state: &AppState, plan: &mut PagePlan, asset_hash: ContentHash) -> Vec<Bytes> {
     let shared = &state.0;
     match shared.tables.asset(&shared.library, &asset_hash).await {
         Ok(asset) => {
@@ -98,90 +106,85 @@ async fn next_blocks(state: &AppState, plan: &mut PagePlan, asset_hash: ContentH
             };
             match plan.next_run(page_bytes) {
                 Some(run) => read_run(state, &asset, run).await,
-                None => Bytes::new(),
+                None => Vec::new(),
             }
         }
         Err(error) => {
             let status = status_of(&error);
             let run = plan.next_run(|_| EMPTY_PAGE_BYTES);
-            run.map_or_else(Bytes::new, |run| {
-                let mut blocks = BytesMut::new();
-                for page in run.first..=run.last {
-                    blocks.put_slice(&wire::block_header(
-                        BlockKind::Page,
-                        status,
-                        page,
-                        run.asset,
-                        0,
-                    ));
-                }
-                blocks.freeze()
+            run.map_or_else(Vec::new, |run| {
+                let header = |page| wire::block_header(BlockKind::Page, status, page, run.asset, 0);
+                let headers: Vec<u8> = (run.first..=run.last).flat_map(header).collect();
+                vec![Bytes::from(headers)]
             })
         }
     }
 }
 
-async fn read_run(state: &AppState, asset: &Asset, run: Run) -> Bytes {
-    let library = &state.0.library;
+/// The blocks of a run: headers, and slices of what the cache has.
+async fn read_run(state: &AppState, asset: &Asset, run: Run) -> Vec<Bytes> {
+    let shared = &state.0;
     let entries = asset.pages.get(run.first as usize..).unwrap_or(&[]);
     let entries = &entries[..entries.len().min((run.last - run.first) as usize + 1)];
-    let bytes: u64 = entries.iter().map(|entry| entry.bytes as u64).sum();
-    let offset = entries.first().map_or(0, |entry| entry.offset);
-    let whole = library
-        .object_range(&asset.pack, offset..offset + bytes)
-        .await;
-
-    let headers = (run.last - run.first) as usize + 1;
-    let mut blocks = BytesMut::with_capacity(bytes as usize + headers * wire::BLOCK_HEADER_BYTES);
-    let mut put = |status, page, frame: &[u8]| {
-        let length = frame.len() as u64;
-        blocks.put_slice(&wire::block_header(
-            BlockKind::Page,
-            status,
-            page,
-            run.asset,
-            length,
-        ));
-        blocks.put_slice(frame);
+    let bytes_of = |page: &PageEntry| page.offset..page.offset + page.bytes as u64;
+    let whole = match entries {
+        [first, .., last] => bytes_of(first).start..bytes_of(last).end,
+        [one] => bytes_of(one),
+        [] => 0..0,
     };
+    let read = shared.pages.range(&shared.library, asset, whole).await;
+    let mut read = read.map(VecDeque::from);
+    let mut blocks = Vec::with_capacity(3 * (run.last - run.first) as usize + 3);
     let mut sent = 0;
     for page in run.first..=run.last {
+        let header = |status, bytes: u64| {
+            let header = wire::block_header(BlockKind::Page, status, page, run.asset, bytes);
+            Bytes::copy_from_slice(&header)
+        };
         let Some(entry) = entries.get((page - run.first) as usize) else {
-            put(PageStatus::NotFound, page, &[]);
+            blocks.push(header(PageStatus::NotFound, 0));
             continue;
         };
-        let range = entry.offset..entry.offset + entry.bytes as u64;
-        let frame = match &whole {
-            Ok(bytes) => {
-                let first = (range.start - offset) as usize;
-                Ok(bytes.slice(first..first + entry.bytes as usize))
+        let slices = match &mut read {
+            Ok(read) => Ok(take(read, entry.bytes as usize)),
+            // One bad page never stops the rest.
+            Err(_) => {
+                let range = bytes_of(entry);
+                shared.pages.range(&shared.library, asset, range).await
             }
-            // A pack that ends early still has the pages before its end: one bad page never stops the rest.
-            Err(LibraryError::Damaged { .. }) => library.object_range(&asset.pack, range).await,
-            Err(_) => Err(LibraryError::NoObject {
-                location: library.location().to_owned(),
-                path: asset.pack.to_string(),
-            }),
         };
-        match frame {
-            Ok(frame) => {
-                put(PageStatus::Ok, page, &frame);
+        match slices {
+            Ok(slices) => {
+                blocks.push(header(PageStatus::Ok, entry.bytes as u64));
+                blocks.extend(slices);
                 sent += 1;
             }
             // The asset is there, so a missing pack is a failed store and not a page that never was.
-            Err(_) => put(PageStatus::Failed, page, &[]),
+            Err(error) => {
+                tracing::error!("page {page} of {}: {error}", run.asset);
+                blocks.push(header(PageStatus::Failed, 0));
+            }
         }
     }
-    if let Err(error) = whole {
-        tracing::error!(
-            "pages {}..={} of {}: {error}",
-            run.first,
-            run.last,
-            run.asset
-        );
+    shared.metrics.pages_sent(sent);
+    blocks
+}
+
+/// The next `bytes` of what there is.
+fn take(slices: &mut VecDeque<Bytes>, mut bytes: usize) -> Vec<Bytes> {
+    let mut taken = Vec::with_capacity(2);
+    while bytes > 0 {
+        let Some(first) = slices.front_mut() else {
+            break;
+        };
+        let slice = first.split_to(bytes.min(first.len()));
+        if first.is_empty() {
+            slices.pop_front();
+        }
+        bytes -= slice.len();
+        taken.push(slice);
     }
-    state.0.metrics.pages_sent(sent);
-    blocks.freeze()
+    taken
 }
 
 fn status_of(error: &LibraryError) -> PageStatus {

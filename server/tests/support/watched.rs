@@ -1,6 +1,6 @@
-//! A store in memory that notes what is written, and can be told to fail.
+//! A store in memory that notes what is read and written, and can be told to fail.
 
-use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use futures_util::stream::BoxStream;
@@ -18,6 +18,9 @@ pub struct Watched {
     written: Mutex<Vec<String>>,
     /// Writes that still succeed.
     writes_left: AtomicI64,
+    /// Ranges read so far.
+    ranges: AtomicU64,
+    reads_fail: AtomicBool,
 }
 
 impl Watched {
@@ -26,6 +29,8 @@ impl Watched {
             inner: InMemory::new(),
             written: Mutex::default(),
             writes_left: AtomicI64::new(i64::MAX),
+            ranges: AtomicU64::new(0),
+            reads_fail: AtomicBool::new(false),
         })
     }
 
@@ -34,6 +39,16 @@ impl Watched {
         let mut written = std::mem::take(&mut *self.written.lock().expect("works"));
         written.sort();
         written
+    }
+
+    /// Ranges read since the start.
+    pub fn ranges(&self) -> u64 {
+        self.ranges.load(Ordering::SeqCst)
+    }
+
+    /// Whether reads fail from now on.
+    pub fn fail_reads(&self, fail: bool) {
+        self.reads_fail.store(fail, Ordering::SeqCst);
     }
 
     /// All writes after so many fail.
@@ -78,6 +93,17 @@ impl ObjectStore for Watched {
     }
 
     async fn get_opts(&self, location: &Path, options: GetOptions) -> Result<GetResult> {
+        if options.range.is_some() {
+            self.ranges.fetch_add(1, Ordering::SeqCst);
+            // As long as others need to come and wait.
+            tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+        }
+        if self.reads_fail.load(Ordering::SeqCst) {
+            return Err(object_store::Error::Generic {
+                store: "watched",
+                source: "the network is down".into(),
+            });
+        }
         self.inner.get_opts(location, options).await
     }
 

@@ -1,0 +1,119 @@
+"""Measures what `servers.sh` started: the table of page requests a second, latency, processor time a request and memory."""
+
+import json
+import os
+import re
+import statistics
+import subprocess
+import sys
+import urllib.request
+
+binary, library, scene, out, server_pid = sys.argv[1:]
+CONNECTIONS = [int(count) for count in os.environ.get("CONNECTIONS", "16 64 256 1024").split()]
+ROUNDS = int(os.environ.get("ROUNDS", "3"))
+SECS = int(os.environ.get("SECS", "3"))
+OURS = "http://127.0.0.1:7979"
+PORTS = {"lodestream": 7979, "nginx": 7980, "nginx, tcp_nopush off": 7981}
+TICK_MICROSECONDS = 1e6 / os.sysconf("SC_CLK_TCK")
+
+
+def fetch(path):
+    with urllib.request.urlopen(OURS + path) as answer:
+        return answer.read()
+
+
+def pages_to_files():
+    """Stores every page of the scene where nginx finds it under the same path; gives paths and mean bytes."""
+    report = out + "/show.json"
+    subprocess.run([binary, "show", scene, "--library", library, "--assets", "--report", report, "-q"], check=True, stdout=subprocess.DEVNULL)
+    with open(report) as file:
+        assets = json.load(file)["assets_table"]
+    paths, total = [], 0
+    for asset in assets:
+        folder = f"/v1/assets/{asset['asset']}/pages"
+        os.makedirs(out + "/www" + folder, exist_ok=True)
+        for page in range(asset["pages"]):
+            path = f"{folder}/{page}-{page}"
+            body = fetch(path)
+            total += len(body)
+            with open(out + "/www" + path, "wb") as file:
+                file.write(body)
+            paths.append(path)
+    return paths, total / len(paths)
+
+
+def processes(name):
+    """Process numbers of a server: our one, or nginx's master and workers."""
+    if name == "lodestream":
+        return [int(server_pid)]
+    conf = "nginx" if name == "nginx" else "nginx-push"
+    with open(f"{out}/{conf}.pid") as file:
+        master = int(file.read())
+    children = subprocess.run(["pgrep", "-P", str(master)], capture_output=True, text=True).stdout.split()
+    return [master] + [int(child) for child in children]
+
+
+def used(name):
+    """Processor microseconds so far, and resident MB now."""
+    ticks, kilobytes = 0, 0
+    for process in processes(name):
+        with open(f"/proc/{process}/stat") as file:
+            fields = file.read().rsplit(")", 1)[1].split()
+        ticks += int(fields[11]) + int(fields[12])
+        with open(f"/proc/{process}/status") as file:
+            kilobytes += int(re.search(r"VmRSS:\s+(\d+)", file.read())[1])
+    return ticks * TICK_MICROSECONDS, kilobytes / 1024
+
+
+def milliseconds(text):
+    number, unit = re.fullmatch(r"([\d.]+)(us|ms|s|m)", text).groups()
+    return float(number) * {"us": 1e-3, "ms": 1, "s": 1e3, "m": 6e4}[unit]
+
+
+def measure(name, connections):
+    before, _ = used(name)
+    command = ["wrk", "-t2", f"-c{connections}", f"-d{SECS}s", "--latency", "-s", out + "/pages.lua"]
+    text = subprocess.run(command + [f"http://127.0.0.1:{PORTS[name]}"], check=True, capture_output=True, text=True).stdout
+    after, megabytes = used(name)
+    requests = int(re.search(r"(\d+) requests in", text)[1])
+    errors = sum(int(count) for count in re.findall(r"(?:connect|read|write|timeout) (\d+)", text))
+    errors += sum(int(count) for count in re.findall(r"Non-2xx or 3xx responses: (\d+)", text))
+    latency = lambda percent: milliseconds(re.search(percent + r"%\s+(\S+)", text)[1])
+    return {
+        "requests_per_s": float(re.search(r"Requests/sec:\s+([\d.]+)", text)[1]),
+        "p50_ms": latency("50"),
+        "p99_ms": latency("99"),
+        "cpu_us": (after - before) / max(requests, 1),
+        "resident_mb": megabytes,
+        "errors": errors,
+    }
+
+
+paths, mean_bytes = pages_to_files()
+with open(out + "/pages.lua", "w") as file:
+    file.write("local paths = {%s}\n" % ",".join(f'"{path}"' for path in paths))
+    # Each thread its own sequence.
+    file.write("local thread = 0\nfunction setup(t) thread = thread + 1; t:set('seed', thread) end\n")
+    file.write("function init() math.randomseed(seed) end\n")
+    file.write("function request() return wrk.format('GET', paths[math.random(#paths)]) end\n")
+print(f"{len(paths)} pages of {mean_bytes / 1024:.1f} KiB on average, {ROUNDS} rounds of {SECS} s, medians")
+print(f"{'server':>22} {'conns':>5} {'req/s':>8} {'GB/s':>5} {'of nginx':>8} {'p50 ms':>7} {'p99 ms':>7} {'CPU us':>6} {'RSS MB':>6} {'errors':>6}")
+rows = []
+for connections in CONNECTIONS:
+    found = {name: [] for name in PORTS}
+    for _ in range(ROUNDS):
+        for name in PORTS:
+            found[name].append(measure(name, connections))
+    medians = {
+        name: {key: statistics.median(run[key] for run in runs) for key in runs[0]} for name, runs in found.items()
+    }
+    for name, row in medians.items():
+        row["of_nginx"] = row["requests_per_s"] / medians["nginx"]["requests_per_s"]
+        rows.append({"server": name, "connections": connections, "mean_bytes": mean_bytes, **row})
+        print(
+            f"{name:>22} {connections:5} {row['requests_per_s']:8.0f} {row['requests_per_s'] * mean_bytes / 1e9:5.2f} {row['of_nginx']:8.2f}"
+            f" {row['p50_ms']:7.2f} {row['p99_ms']:7.2f} {row['cpu_us']:6.1f} {row['resident_mb']:6.0f} {row['errors']:6.0f}",
+            flush=True,
+        )
+with open(out + "/servers.json", "w") as file:
+    json.dump({"rows": rows}, file, indent=1)

@@ -1,0 +1,64 @@
+#!/usr/bin/env bash
+# Page requests a second against nginx over the same bytes, in one run: `make servers`. Both serve every page of a scene at the same
+# URLs on loopback, to wrk on the same machine; rounds alternate, the table shows medians.
+#
+#   LIBRARY, SCENE   a library and a scene in it (else the sample rock is ingested)
+#   CONNECTIONS      "16 64 256 1024"      ROUNDS 3      SECS 3      CACHE_BYTES of `lodestream-server serve`
+set -eu
+cd "$(dirname "$0")/.."
+
+for tool in nginx wrk curl python3; do
+  command -v "$tool" >/dev/null || PATH=$PATH:/usr/sbin command -v "$tool" >/dev/null || missing+=" $tool"
+done
+if [ -n "${missing-}" ]; then
+  echo "needs$missing (Debian: apt-get install nginx-light wrk curl python3)" >&2
+  exit 1
+fi
+PATH=$PATH:/usr/sbin
+bin=${CARGO_TARGET_DIR:-target}/release
+out=$PWD/target/servers
+mkdir -p "$out"
+rm -rf "$out/www"
+mkdir "$out/www"
+
+if [ -z "${LIBRARY-}" ]; then
+  LIBRARY=$out/library SCENE=rock
+  [ -f "$out/rock.glb" ] || "$bin/lodestream-loadtests" sample rock --out "$out/rock.glb"
+  "$bin/lodestream-server" ingest "$out/rock.glb" --library "$LIBRARY" --scene rock -q
+fi
+
+ours=http://127.0.0.1:7979
+"$bin/lodestream-server" serve --library "$LIBRARY" --listen 127.0.0.1:7979 ${CACHE_BYTES:+--cache-bytes "$CACHE_BYTES"} >"$out/serve.log" 2>&1 &
+server=$!
+nginx_conf() {
+  cat <<CONF
+worker_processes $(nproc);
+pid $out/$1.pid;
+error_log $out/$1.log;
+events { worker_connections 4096; }
+http {
+  access_log off; sendfile on; tcp_nopush $2; tcp_nodelay on; keepalive_requests 100000000;
+  open_file_cache max=100000 inactive=600s; open_file_cache_valid 600s;
+  default_type application/octet-stream;
+  client_body_temp_path $out/tmp; proxy_temp_path $out/tmp; fastcgi_temp_path $out/tmp; uwsgi_temp_path $out/tmp; scgi_temp_path $out/tmp;
+  server { listen 127.0.0.1:$3 backlog=4096; root $out/www; etag on; add_header Cache-Control "public, max-age=31536000, immutable"; }
+}
+CONF
+}
+nginx_conf nginx on 7980 >"$out/nginx.conf"
+nginx_conf nginx-push off 7981 >"$out/nginx-push.conf"
+stop() {
+  kill "$server" 2>/dev/null || true
+  for name in nginx nginx-push; do
+    if [ -f "$out/$name.pid" ]; then kill "$(cat "$out/$name.pid")" 2>/dev/null || true; fi
+  done
+}
+trap stop EXIT
+nginx -c "$out/nginx.conf" -p "$out"
+nginx -c "$out/nginx-push.conf" -p "$out"
+for _ in $(seq 100); do
+  curl -sf "$ours/readyz" >/dev/null && break
+  sleep 0.1
+done
+
+exec python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server"

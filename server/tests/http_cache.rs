@@ -1,0 +1,95 @@
+//! Pages from memory: one read for all who wait, nothing remembered of failures, the bytes of the pack whatever is held.
+// A failed expectation is the test's failure.
+#![allow(clippy::unwrap_used)]
+
+mod support;
+
+use std::sync::Arc;
+
+use futures_util::future::join_all;
+use lodestream_server::library::Library;
+use reqwest::StatusCode;
+use support::made::{self, Made};
+use support::server::{Running, client};
+use support::watched::Watched;
+
+async fn served(pages: u32, page_bytes: usize) -> (Arc<Watched>, Running, Made) {
+    let store = Watched::new();
+    let library = Library::over(store.clone(), "watched");
+    let asset = made::asset(&library, 5, pages, page_bytes).await;
+    (store, Running::start(library).await, asset)
+}
+
+fn path(asset: &Made, first: u32, last: u32) -> String {
+    format!("/v1/assets/{}/pages/{first}-{last}", asset.hash)
+}
+
+#[tokio::test]
+async fn all_who_want_a_piece_wait_for_one_read() {
+    // Twelve pages in one piece.
+    let (store, server, asset) = served(12, 10_000).await;
+    let client = client();
+    let asked = (0..48).map(|index| {
+        let page = index % 12;
+        let request = client.get(server.url(&path(&asset, page, page)));
+        async move { (page, request.send().await.unwrap().bytes().await.unwrap()) }
+    });
+    for (page, body) in join_all(asked).await {
+        assert_eq!(body, asset.frame(page));
+    }
+    assert_eq!(store.ranges(), 1);
+    let metrics = client.get(server.url("/metrics")).send().await.unwrap();
+    let metrics = metrics.text().await.unwrap();
+    let held = format!("lodestream_page_cache_bytes {}", asset.pack.len());
+    assert!(metrics.contains(&held), "{metrics}");
+}
+
+#[tokio::test]
+async fn a_failed_read_is_not_remembered() {
+    let (store, server, asset) = served(3, 200_000).await;
+    let client = client();
+    let get = |first, last| client.get(server.url(&path(&asset, first, last))).send();
+    // The page table is read, the pages are not.
+    let head = client.head(server.url(&path(&asset, 0, 0))).send().await;
+    assert_eq!(head.unwrap().status(), StatusCode::OK);
+    store.fail_reads(true);
+    assert!(get(0, 2).await.unwrap().status().is_server_error());
+    store.fail_reads(false);
+    let whole = get(0, 2).await.unwrap();
+    assert_eq!(whole.status(), StatusCode::OK);
+    assert_eq!(whole.bytes().await.unwrap(), asset.pack);
+    let read = store.ranges();
+    assert_eq!(get(1, 2).await.unwrap().bytes().await.unwrap().len(), {
+        asset.frame(1).len() + asset.frame(2).len()
+    });
+    assert_eq!(store.ranges(), read, "from memory");
+}
+
+/// The servers of these tests have a cache of 1 MiB.
+#[tokio::test]
+async fn a_pack_larger_than_the_cache_is_served_in_bounded_memory() {
+    let (_, server, asset) = served(150, 30_000).await;
+    let client = client();
+    for round in 0..3u32 {
+        for step in 0..50 {
+            let first = (step * 37 + round * 11) % 140;
+            let last = first + step % 9;
+            let body = client.get(server.url(&path(&asset, first, last))).send();
+            let body = body.await.unwrap().bytes().await.unwrap();
+            let expected: Vec<u8> = (first..=last)
+                .flat_map(|page| asset.frame(page).to_vec())
+                .collect();
+            assert_eq!(body, expected, "{first}-{last}");
+        }
+    }
+    let metrics = client.get(server.url("/metrics")).send().await.unwrap();
+    let metrics = metrics.text().await.unwrap();
+    let value = |name: &str| -> u64 {
+        let line = metrics.lines().find_map(|line| line.strip_prefix(name));
+        line.unwrap().trim().parse().unwrap()
+    };
+    let held = value("lodestream_page_cache_bytes ");
+    assert!((1..=1 << 20).contains(&held), "{held}");
+    assert!(value("lodestream_page_cache_reads_total{result=\"hit\"} ") > 0);
+    assert!(value("lodestream_page_cache_reads_total{result=\"miss\"} ") > 150);
+}
