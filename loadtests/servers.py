@@ -1,11 +1,13 @@
 """Measures what `servers.sh` started: the table of page requests a second, latency, processor time a request and memory."""
 
+import itertools
 import json
 import os
 import re
 import statistics
 import subprocess
 import sys
+import urllib.error
 import urllib.request
 
 binary, library, scene, out, server_pid = sys.argv[1:]
@@ -18,8 +20,14 @@ TICK_MICROSECONDS = 1e6 / os.sysconf("SC_CLK_TCK")
 
 
 def fetch(path):
-    with urllib.request.urlopen(OURS + path) as answer:
-        return answer.read()
+    """The body, or None past the last page."""
+    try:
+        with urllib.request.urlopen(OURS + path) as answer:
+            return answer.read()
+    except urllib.error.HTTPError as error:
+        if error.code == 404:
+            return None
+        raise
 
 
 def pages_to_files():
@@ -32,9 +40,11 @@ def pages_to_files():
     for asset in assets:
         folder = f"/v1/assets/{asset['asset']}/pages"
         os.makedirs(out + "/www" + folder, exist_ok=True)
-        for page in range(asset["pages"]):
+        for page in itertools.count():
             path = f"{folder}/{page}-{page}"
             body = fetch(path)
+            if body is None:
+                break
             total += len(body)
             with open(out + "/www" + path, "wb") as file:
                 file.write(body)
@@ -78,7 +88,7 @@ def measure(name, connections):
     requests = int(re.search(r"(\d+) requests in", text)[1])
     errors = sum(int(count) for count in re.findall(r"(?:connect|read|write|timeout) (\d+)", text))
     errors += sum(int(count) for count in re.findall(r"Non-2xx or 3xx responses: (\d+)", text))
-    latency = lambda percent: milliseconds(re.search(percent + r"%\s+(\S+)", text)[1])
+    latency = lambda percent: milliseconds(re.search(rf"^\s+{percent}%\s+(\S+)", text, re.M)[1])
     return {
         "requests_per_s": float(re.search(r"Requests/sec:\s+([\d.]+)", text)[1]),
         "p50_ms": latency("50"),

@@ -57,8 +57,9 @@ trap stop EXIT
 nginx -c "$out/nginx.conf" -p "$out"
 nginx -c "$out/nginx-push.conf" -p "$out"
 for _ in $(seq 100); do
+  kill -0 "$server" 2>/dev/null || { cat "$out/serve.log" >&2; exit 1; }
   curl -sf "$ours/readyz" >/dev/null && break
   sleep 0.1
 done
 
-exec python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server"
+python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server"

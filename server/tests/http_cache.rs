@@ -93,3 +93,63 @@ async fn a_pack_larger_than_the_cache_is_served_in_bounded_memory() {
     assert!(value("lodestream_page_cache_reads_total{result=\"hit\"} ") > 0);
     assert!(value("lodestream_page_cache_reads_total{result=\"miss\"} ") > 150);
 }
+
+/// The first time pages are read and the router answers, the second time the front does.
+#[tokio::test]
+async fn what_is_in_memory_is_answered_as_what_is_read() {
+    let (_, server, asset) = served(9, 70_000).await;
+    for client in [client(), support::server::client_h2()] {
+        for (first, last) in [(0, 0), (1, 1), (2, 6), (0, 8)] {
+            let mut answers = vec![];
+            for _ in 0..3 {
+                let answer = client.get(server.url(&path(&asset, first, last))).send();
+                let answer = answer.await.unwrap();
+                let mut headers = answer.headers().clone();
+                assert!(headers.remove("date").is_some());
+                let (status, version) = (answer.status(), answer.version());
+                answers.push((status, version, headers, answer.bytes().await.unwrap()));
+            }
+            assert_eq!(answers[0], answers[1]);
+            assert_eq!(answers[0], answers[2]);
+            let expected: Vec<u8> = (first..=last)
+                .flat_map(|page| asset.frame(page).to_vec())
+                .collect();
+            assert_eq!(answers[0].3, expected);
+        }
+        // What the front leaves to the router.
+        let url = server.url(&path(&asset, 1, 1));
+        let tag = client.get(&url).send().await.unwrap().headers()["etag"].clone();
+        let held = client
+            .get(&url)
+            .header("if-none-match", tag)
+            .send()
+            .await
+            .unwrap();
+        assert_eq!(held.status(), StatusCode::NOT_MODIFIED);
+        assert_eq!(
+            client
+                .head(&url)
+                .send()
+                .await
+                .unwrap()
+                .bytes()
+                .await
+                .unwrap(),
+            ""
+        );
+        for wrong in ["9-9", "00-1", "1-0", "0-"] {
+            let wrong = format!("/v1/assets/{}/pages/{wrong}", asset.hash);
+            let answer = client.get(server.url(&wrong)).send().await.unwrap();
+            assert!(answer.status().is_client_error(), "{wrong}");
+        }
+    }
+    let metrics = client().get(server.url("/metrics")).send().await.unwrap();
+    let metrics = metrics.text().await.unwrap();
+    let count =
+        "lodestream_requests_total{route=\"/v1/assets/{hash}/pages/{range}\",status=\"200\"} 28";
+    assert!(metrics.contains(count), "{metrics}");
+    assert!(
+        metrics.contains("lodestream_requests_in_flight 1\n"),
+        "{metrics}"
+    );
+}

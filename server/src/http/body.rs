@@ -1,6 +1,5 @@
 //! Bytes of objects as response bodies of known length, in bounded memory.
 
-use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::ops::Range;
 use std::pin::Pin;
@@ -14,6 +13,7 @@ use lodestream_format::{Asset, ContentHash};
 
 use super::AppState;
 use super::error::HttpError;
+use super::page_cache::Slices;
 use crate::library::Library;
 
 /// Ranges up to this come in one read before the status goes out, so that a damaged object is an error and not a cut answer.
@@ -45,26 +45,8 @@ pub(super) async fn pack_body(
     if range.end - range.start > WHOLE_BYTES {
         return range_body(&shared.library, &asset.pack, range).await;
     }
-    let mut slices = shared.pages.range(&shared.library, asset, range).await?;
-    Ok(match slices.len() {
-        0 | 1 => Body::from(slices.pop().unwrap_or_default()),
-        _ => Body::new(Slices::from(slices)),
-    })
-}
-
-/// Bytes that are there, piece after piece.
-struct Slices {
-    slices: VecDeque<Bytes>,
-    bytes: u64,
-}
-
-impl From<Vec<Bytes>> for Slices {
-    fn from(slices: Vec<Bytes>) -> Self {
-        Self {
-            bytes: slices.iter().map(|slice| slice.len() as u64).sum(),
-            slices: slices.into(),
-        }
-    }
+    let slices = shared.pages.range(&shared.library, asset, range).await?;
+    Ok(Body::new(slices))
 }
 
 impl HttpBody for Slices {
@@ -75,17 +57,15 @@ impl HttpBody for Slices {
         mut self: Pin<&mut Self>,
         _: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
-        let slice = self.slices.pop_front();
-        self.bytes -= slice.as_ref().map_or(0, |slice| slice.len() as u64);
-        Poll::Ready(slice.map(|slice| Ok(Frame::data(slice))))
+        Poll::Ready(self.next().map(|slice| Ok(Frame::data(slice))))
     }
 
     fn is_end_stream(&self) -> bool {
-        self.slices.is_empty()
+        self.bytes() == 0
     }
 
     fn size_hint(&self) -> SizeHint {
-        SizeHint::with_exact(self.bytes)
+        SizeHint::with_exact(self.bytes())
     }
 }
 

@@ -49,7 +49,14 @@ impl Metrics {
         self.pages.fetch_add(pages, Ordering::Relaxed);
     }
 
-    fn finished(&self, route: &str, status: u16, bytes: u64, seconds: f64) {
+    /// Counts a request that is not finished.
+    pub(super) fn began(&self) {
+        self.in_flight.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counts a request that began.
+    pub(super) fn finished(&self, route: &str, status: u16, bytes: u64, seconds: f64) {
+        self.in_flight.fetch_sub(1, Ordering::Relaxed);
         let mut routes = self.routes.lock().unwrap_or_else(PoisonError::into_inner);
         if !routes.contains_key(route) {
             routes.insert(route.to_owned(), RouteCounters::default());
@@ -177,7 +184,7 @@ pub(super) async fn measure(
     request: Request,
     next: Next,
 ) -> Response {
-    state.0.metrics.in_flight.fetch_add(1, Ordering::Relaxed);
+    state.0.metrics.began();
     let mut measure = Measure {
         state,
         route,
@@ -206,7 +213,6 @@ impl Drop for Measure {
         let route = self.route.as_ref().map_or("none", MatchedPath::as_str);
         let seconds = self.started.elapsed().as_secs_f64();
         metrics.finished(route, self.status, self.bytes, seconds);
-        metrics.in_flight.fetch_sub(1, Ordering::Relaxed);
     }
 }
 

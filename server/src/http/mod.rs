@@ -7,6 +7,7 @@ mod body;
 mod cors;
 mod error;
 mod etag;
+mod front;
 mod health;
 mod metrics;
 mod objects;
@@ -77,7 +78,7 @@ pub fn router(state: AppState) -> Router {
         .route("/v1/scenes/{scene}", get(scenes::show))
         .route("/v1/scenes/{scene}/open", get(open::open))
         .route("/v1/objects/{hash}", get(objects::object))
-        .route("/v1/assets/{hash}/pages/{range}", get(pages::pages))
+        .route(pages::PAGES_ROUTE, get(pages::pages))
         .route("/v1/pages", post(post_pages::post_pages))
         .route("/healthz", get(health::healthz))
         .route("/readyz", get(health::readyz))

@@ -76,10 +76,8 @@ async fn asset_blocks(state: AppState, hash: ContentHash) -> Result<Vec<Bytes>, 
         library.object(&asset.hierarchy),
         state.0.pages.range(library, &asset, 0..root_bytes),
     )?;
-    let root_pages = match <[Bytes; 1]>::try_from(root_pages) {
-        Ok([one]) => one,
-        Err(slices) => Bytes::from(slices.concat()),
-    };
+    let root_pages: Vec<Bytes> = root_pages.collect();
+    let root_pages = Bytes::from(root_pages.concat());
     state.0.metrics.pages_sent(asset.root_page_count as u64);
     let pieces = [
         block(BlockKind::Asset, hash, asset_object),

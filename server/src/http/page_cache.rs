@@ -3,6 +3,7 @@
 //! A piece is larger than most pages, so that what lies beside a page, its siblings and what depends on it, is read with it. Answers
 //! hold slices of pieces: nothing is copied.
 
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -61,7 +62,19 @@ impl PageCache {
         }
     }
 
-    /// Bytes `range` of an asset's pack, in order, as slices.
+    /// Bytes `range` of a pack, if all of them are in memory.
+    pub(super) fn held(&self, pack: &ContentHash, range: Range<u64>) -> Option<Slices> {
+        let mut slices = Slices::default();
+        for number in numbers(&range) {
+            let piece = self.pieces.get(&(*pack, number))?;
+            slices.push(cut(&range, number, &piece));
+        }
+        let hits = numbers(&range).count() as u64;
+        self.hits.fetch_add(hits, Ordering::Relaxed);
+        Some(slices)
+    }
+
+    /// Bytes `range` of an asset's pack.
     ///
     /// # Errors
     /// Where the store fails, or the pack ends before the range.
@@ -70,46 +83,29 @@ impl PageCache {
         library: &Library,
         asset: &Asset,
         range: Range<u64>,
-    ) -> Result<Vec<Bytes>, LibraryError> {
-        if range.is_empty() {
-            return Ok(Vec::new());
-        }
-        let numbers = range.start / PIECE_BYTES..=(range.end - 1) / PIECE_BYTES;
-        let cached: Vec<Bytes> = numbers
-            .clone()
-            .map_while(|number| self.pieces.get(&(asset.pack, number)))
-            .collect();
-        let hits = cached.len() as u64;
-        let misses = numbers.end() - numbers.start() + 1 - hits;
-        self.hits.fetch_add(hits, Ordering::Relaxed);
-        let slice = |(number, piece): (u64, Bytes)| {
-            let first = number * PIECE_BYTES;
-            let begin = range.start.saturating_sub(first);
-            let end = (range.end - first).min(piece.len() as u64);
-            piece.slice(begin as usize..end as usize)
-        };
-        let start = *numbers.start();
-        let mut slices: Vec<Bytes> = (start..).zip(cached).map(slice).collect();
-        if misses == 0 {
+    ) -> Result<Slices, LibraryError> {
+        if let Some(slices) = self.held(&asset.pack, range.clone()) {
             return Ok(slices);
         }
+        let misses = numbers(&range).count() as u64;
         self.misses.fetch_add(misses, Ordering::Relaxed);
-        let read: Result<Vec<(u64, Bytes)>, LibraryError> =
-            stream::iter(start + hits..=*numbers.end())
-                .map(
-                    |number| async move { Ok((number, self.piece(library, asset, number).await?)) },
-                )
-                .buffered(READS_AHEAD)
-                .try_collect()
-                .await;
+        let read: Result<Vec<Bytes>, LibraryError> = stream::iter(numbers(&range))
+            .map(|number| {
+                let range = &range;
+                async move {
+                    let piece = self.piece(library, asset, number).await?;
+                    Ok(cut(range, number, &piece))
+                }
+            })
+            .buffered(READS_AHEAD)
+            .try_collect()
+            .await;
         match read {
-            Ok(pieces) => {
-                slices.extend(pieces.into_iter().map(slice));
-                Ok(slices)
-            }
+            Ok(slices) => Ok(slices.into_iter().collect()),
             // A pack that ends early still has what lies before its end.
             Err(LibraryError::Damaged { .. }) => {
-                Ok(vec![library.object_range(&asset.pack, range).await?])
+                let bytes = library.object_range(&asset.pack, range).await?;
+                Ok(std::iter::once(bytes).collect())
             }
             Err(error) => Err(error),
         }
@@ -140,5 +136,81 @@ impl PageCache {
             misses: self.misses.load(Ordering::Relaxed),
             bytes: self.pieces.weight(),
         }
+    }
+}
+
+/// Numbers of the pieces that a range touches.
+fn numbers(range: &Range<u64>) -> Range<u64> {
+    range.start / PIECE_BYTES..range.end.div_ceil(PIECE_BYTES)
+}
+
+/// What a piece has of a range.
+fn cut(range: &Range<u64>, number: u64, piece: &Bytes) -> Bytes {
+    let first = number * PIECE_BYTES;
+    let begin = range.start.saturating_sub(first);
+    let end = (range.end - first).min(piece.len() as u64);
+    piece.slice(begin as usize..end as usize)
+}
+
+/// Bytes that are there, piece after piece.
+#[derive(Debug, Default)]
+pub(super) struct Slices {
+    /// Most pages lie in one piece, so that nothing is allocated for them.
+    first: Option<Bytes>,
+    rest: VecDeque<Bytes>,
+    bytes: u64,
+}
+
+impl Slices {
+    /// Bytes that are left.
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    fn push(&mut self, slice: Bytes) {
+        self.bytes += slice.len() as u64;
+        match self.first {
+            None => self.first = Some(slice),
+            Some(_) => self.rest.push_back(slice),
+        }
+    }
+
+    /// The next `bytes` of what is left.
+    pub(super) fn take_bytes(&mut self, mut bytes: usize) -> Vec<Bytes> {
+        let mut taken = Vec::with_capacity(2);
+        while bytes > 0 {
+            let Some(mut slice) = self.next() else {
+                break;
+            };
+            if slice.len() > bytes {
+                let left = slice.split_off(bytes);
+                self.bytes += left.len() as u64;
+                if let Some(second) = self.first.replace(left) {
+                    self.rest.push_front(second);
+                }
+            }
+            bytes -= slice.len();
+            taken.push(slice);
+        }
+        taken
+    }
+}
+
+impl Iterator for Slices {
+    type Item = Bytes;
+
+    fn next(&mut self) -> Option<Bytes> {
+        let slice = self.first.take()?;
+        self.first = self.rest.pop_front();
+        self.bytes -= slice.len() as u64;
+        Some(slice)
+    }
+}
+
+impl FromIterator<Bytes> for Slices {
+    fn from_iter<T: IntoIterator<Item = Bytes>>(slices: T) -> Self {
+        let mut all = Self::default();
+        slices.into_iter().for_each(|slice| all.push(slice));
+        all
     }
 }

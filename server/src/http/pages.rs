@@ -15,6 +15,11 @@ use super::error::HttpError;
 use super::etag::{self, IMMUTABLE};
 use super::objects::parse_hash;
 
+/// The route, as the router and the metrics have it.
+pub(super) const PAGES_ROUTE: &str = "/v1/assets/{hash}/pages/{range}";
+/// Media type of pages.
+pub(super) const OCTETS: HeaderValue = HeaderValue::from_static("application/octet-stream");
+
 /// `GET` and `HEAD /v1/assets/{hash}/pages/{first}-{last}`
 pub(super) async fn pages(
     State(state): State<AppState>,
@@ -42,8 +47,7 @@ pub(super) async fn pages(
     }
     let bytes = begin.offset..end.offset + end.bytes as u64;
     let mut headers = HeaderMap::new();
-    let octets = HeaderValue::from_static("application/octet-stream");
-    headers.insert(CONTENT_TYPE, octets);
+    headers.insert(CONTENT_TYPE, OCTETS);
     headers.insert(ETAG, tag);
     headers.insert(CONTENT_LENGTH, HeaderValue::from(bytes.end - bytes.start));
     let body = match method == Method::HEAD {
@@ -57,7 +61,7 @@ pub(super) async fn pages(
 }
 
 /// One spelling only, so that a cache holds each range once: digits without leading zeros.
-fn parse_pages(text: &str) -> Result<(u32, u32), HttpError> {
+pub(super) fn parse_pages(text: &str) -> Result<(u32, u32), HttpError> {
     let number = |text: &str| {
         let value = text.parse::<u32>().ok()?;
         (value.to_string() == text).then_some(value)

@@ -3,7 +3,6 @@
 //! Memory of one answer: `ANSWERS_AHEAD` + 2 reads of about `JOIN_BYTES`, whatever was asked for. The answer ends early, with
 //! its end block, when a later post of the same viewer comes; with nothing, when the connection goes.
 
-use std::collections::VecDeque;
 use std::time::Duration;
 
 use axum::body::{Body, to_bytes};
@@ -132,8 +131,7 @@ async fn read_run(state: &AppState, asset: &Asset, run: Run) -> Vec<Bytes> {
         [one] => bytes_of(one),
         [] => 0..0,
     };
-    let read = shared.pages.range(&shared.library, asset, whole).await;
-    let mut read = read.map(VecDeque::from);
+    let mut read = shared.pages.range(&shared.library, asset, whole).await;
     let mut blocks = Vec::with_capacity(3 * (run.last - run.first) as usize + 3);
     let mut sent = 0;
     for page in run.first..=run.last {
@@ -146,11 +144,12 @@ async fn read_run(state: &AppState, asset: &Asset, run: Run) -> Vec<Bytes> {
             continue;
         };
         let slices = match &mut read {
-            Ok(read) => Ok(take(read, entry.bytes as usize)),
+            Ok(read) => Ok(read.take_bytes(entry.bytes as usize)),
             // One bad page never stops the rest.
             Err(_) => {
                 let range = bytes_of(entry);
-                shared.pages.range(&shared.library, asset, range).await
+                let slices = shared.pages.range(&shared.library, asset, range).await;
+                slices.map(Iterator::collect)
             }
         };
         match slices {
@@ -168,23 +167,6 @@ async fn read_run(state: &AppState, asset: &Asset, run: Run) -> Vec<Bytes> {
     }
     shared.metrics.pages_sent(sent);
     blocks
-}
-
-/// The next `bytes` of what there is.
-fn take(slices: &mut VecDeque<Bytes>, mut bytes: usize) -> Vec<Bytes> {
-    let mut taken = Vec::with_capacity(2);
-    while bytes > 0 {
-        let Some(first) = slices.front_mut() else {
-            break;
-        };
-        let slice = first.split_to(bytes.min(first.len()));
-        if first.is_empty() {
-            slices.pop_front();
-        }
-        bytes -= slice.len();
-        taken.push(slice);
-    }
-    taken
 }
 
 fn status_of(error: &LibraryError) -> PageStatus {

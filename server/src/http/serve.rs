@@ -12,12 +12,12 @@ use std::time::Duration;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::server::graceful::GracefulShutdown;
-use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 
+use super::AppState;
+use super::front::Front;
 use super::socket::Socket;
-use super::{AppState, router};
 
 /// Longest wait for a request's head, also between two requests of one connection.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
@@ -50,7 +50,7 @@ impl Server {
 
     /// Serves until `shutdown` ends, then lets requests in flight finish, for up to ten seconds.
     pub async fn run(self, state: AppState, shutdown: impl Future<Output = ()>) {
-        let service = TowerToHyperService::new(router(state.clone()));
+        let service = Front::new(state.clone());
         let connections = Arc::new(Semaphore::new(MAX_CONNECTIONS));
         let graceful = GracefulShutdown::new();
         let builder = builder();

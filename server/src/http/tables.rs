@@ -60,6 +60,16 @@ impl AssetTables {
         }
     }
 
+    /// The asset, if it was read before.
+    pub(super) fn held(&self, hash: &ContentHash) -> Option<Arc<Asset>> {
+        let mut tables = self.lock();
+        tables.clock += 1;
+        let used = tables.clock;
+        let entry = tables.entries.get_mut(hash)?;
+        entry.used = used;
+        entry.asset.get().cloned()
+    }
+
     fn cell(&self, hash: &ContentHash) -> Arc<OnceCell<Arc<Asset>>> {
         let mut tables = self.lock();
         tables.clock += 1;
