@@ -1,5 +1,5 @@
 # Each target installs what a fresh Debian or Ubuntu machine with Rust, a C compiler and make still lacks, or says what to install.
-.PHONY: demo test report bench lint build
+.PHONY: demo test test-s3 servers report bench lint build
 
 CARGO ?= cargo
 
@@ -20,6 +20,14 @@ test:
 	else \
 	  $(CARGO) test --workspace --no-fail-fast; \
 	fi
+
+# Every store passes the library's tests: also a server that speaks S3, which this starts.
+test-s3:
+	@.ci/s3 $(CARGO) test -p lodestream-server --test library
+
+# Page requests a second against nginx, which has to be installed.
+servers: build
+	@loadtests/servers.sh
 
 # Error against run time: target/report/index.html with the JSON beside it.
 report: build

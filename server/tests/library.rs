@@ -1,8 +1,11 @@
-//! Every store must pass the same tests: a local folder and memory.
+//! Every store must pass the same tests: a local folder, memory, and a server that speaks S3 where there is one (`make test-s3`).
 // A failed expectation is the test's failure.
 #![allow(clippy::unwrap_used)]
 
 mod support;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use bytes::Bytes;
 use futures_util::TryStreamExt;
@@ -16,6 +19,20 @@ async fn on_each_store<F: Future<Output = ()>>(test: impl Fn(Library) -> F) {
     let path = folder.path().join("new").join("library");
     test(Library::open_or_create(path.to_str().unwrap()).unwrap()).await;
     test(Library::open("memory://").unwrap()).await;
+    match s3() {
+        Some(location) => test(Library::open(&location).unwrap()).await,
+        None => println!("SKIPPED: S3, as LODESTREAM_TEST_S3 does not name a bucket"),
+    }
+}
+
+/// A prefix of its own in the bucket of the environment.
+fn s3() -> Option<String> {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    let bucket = std::env::var("LODESTREAM_TEST_S3").ok()?;
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+    let number = NEXT.fetch_add(1, Ordering::Relaxed);
+    let own = format!("{}-{}-{number}", std::process::id(), now.as_nanos());
+    Some(format!("{}/{own}", bucket.trim_end_matches('/')))
 }
 
 async fn hashes(library: &Library) -> Vec<ContentHash> {
@@ -483,7 +500,8 @@ fn a_library_that_cannot_be_opened_says_why() {
     std::fs::write(&file, b"").unwrap();
     let (file, none) = (file.to_str().unwrap(), folder.path().join("none"));
     for (location, expected) in [
-        ("s3://bucket/prefix", "no S3"),
+        ("s3:///prefix", "an URL without a bucket"),
+        ("gs://bucket/prefix", "gs:// URL"),
         ("http://x/", "http:// URL"),
         (file, "expected a folder, found a file"),
         (none.to_str().unwrap(), "No such file"),

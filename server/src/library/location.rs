@@ -2,20 +2,34 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
+use object_store::aws::{AmazonS3Builder, S3ConditionalPut};
 use object_store::local::LocalFileSystem;
 use object_store::memory::InMemory;
+use object_store::prefix::PrefixStore;
+use object_store::{ClientOptions, RetryConfig};
 
 use super::{Library, LibraryError};
 
 /// A library for the time of one process, for trials and measurements.
 const MEMORY: &str = "memory://";
+/// A bucket of a store that speaks S3.
+const S3: &str = "s3://";
+/// Longest time for one request to a network store, and for reaching it.
+const STORE_TIMEOUT: Duration = Duration::from_secs(30);
+const STORE_CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+/// Longest time that a failed request is tried again; viewers wait meanwhile.
+const STORE_RETRY_TIMEOUT: Duration = Duration::from_secs(20);
+/// Most times that it is.
+const STORE_RETRIES: usize = 4;
 
 impl Library {
-    /// Opens the library at `location`: an existing folder, or `memory://`.
+    /// Opens the library at `location`: an existing folder, `s3://bucket/prefix`, or `memory://`. A bucket is not asked for
+    /// anything yet; endpoint, region and keys come from the environment, by the names that the AWS tools use.
     ///
     /// # Errors
-    /// Where there is no folder, and for stores that this build cannot reach.
+    /// Where there is no folder, for an URL that names no store, and for settings that mean nothing.
     pub fn open(location: &str) -> Result<Self, LibraryError> {
         if location == MEMORY {
             return Ok(Self::over(Arc::new(InMemory::new()), location));
@@ -25,9 +39,16 @@ impl Library {
             expected: expected.to_owned(),
             found,
         };
+        if let Some(bucket) = location.strip_prefix(S3) {
+            return s3(location, bucket).map_err(|found| {
+                wrong(
+                    "s3://bucket/prefix, and AWS_… settings that a client takes",
+                    found,
+                )
+            });
+        }
         if let Some((scheme, _)) = location.split_once("://") {
-            let expected =
-                "a folder or memory:// (this build has no S3 or other network store yet)";
+            let expected = "a folder, s3://bucket/prefix or memory://";
             return Err(wrong(expected, format!("a {scheme}:// URL")));
         }
         let folder = Path::new(location);
@@ -54,4 +75,41 @@ impl Library {
         }
         Self::open(location)
     }
+}
+
+/// A bucket, or what lies under a prefix in it.
+fn s3(location: &str, bucket: &str) -> Result<Library, String> {
+    let (bucket, prefix) = bucket.split_once('/').unwrap_or((bucket, ""));
+    if bucket.is_empty() {
+        return Err("an URL without a bucket".to_owned());
+    }
+    // The first one counts: another part of the program may have chosen.
+    let _ = rustls::crypto::ring::default_provider().install_default();
+    let store = AmazonS3Builder::from_env()
+        .with_bucket_name(bucket)
+        .with_conditional_put(S3ConditionalPut::ETagMatch)
+        .with_retry(RetryConfig {
+            max_retries: STORE_RETRIES,
+            retry_timeout: STORE_RETRY_TIMEOUT,
+            ..RetryConfig::default()
+        })
+        .with_client_options(
+            ClientOptions::new()
+                .with_timeout(STORE_TIMEOUT)
+                .with_connect_timeout(STORE_CONNECT_TIMEOUT)
+                .with_allow_http(allows_http()),
+        )
+        .build()
+        .map_err(|error| error.to_string())?;
+    let prefix = prefix.trim_end_matches('/');
+    Ok(match prefix {
+        "" => Library::over(Arc::new(store), location),
+        prefix => Library::over(Arc::new(PrefixStore::new(store, prefix)), location),
+    })
+}
+
+/// An endpoint without TLS is taken where the environment says so, as for the AWS tools.
+fn allows_http() -> bool {
+    std::env::var("AWS_ALLOW_HTTP")
+        .is_ok_and(|value| value.eq_ignore_ascii_case("true") || value == "1")
 }
