@@ -39,6 +39,8 @@ pub(super) enum Command {
     Remove(SceneArgs),
     /// Remove the objects that no scene needs.
     Gc(GcArgs),
+    /// Bring scenes to another library: only what is missing there; again after an interruption.
+    Copy(CopyArgs),
     /// Re-hash and re-parse everything; exit 1 on any fault.
     Verify(VerifyArgs),
     /// Write a crack-free cut of a scene as plain meshes.
@@ -183,6 +185,23 @@ pub(super) struct GcArgs {
     /// Only say what would go.
     #[arg(long)]
     pub dry_run: bool,
+}
+
+/// Options of `copy`.
+#[derive(Debug, Args)]
+pub(super) struct CopyArgs {
+    /// The library to read.
+    #[arg(value_name = "FROM")]
+    pub from: String,
+    /// The library to write; a folder is made where there is none.
+    #[arg(value_name = "TO")]
+    pub to: String,
+    /// Only this scene; may be given several times.
+    #[arg(long = "scene", value_name = "SCENE", value_parser = values::scene_name)]
+    pub scenes: Vec<String>,
+    /// Write what was done as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
 }
 
 /// Options of `verify`.

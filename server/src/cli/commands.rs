@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use tokio::runtime::Handle;
 
-use super::args::{Command, ExportArgs, GcArgs, SceneArgs, VerifyArgs};
+use super::args::{Command, CopyArgs, ExportArgs, GcArgs, SceneArgs, VerifyArgs};
 use super::output::{self, line};
 use crate::export::{self, Detail, ExportError};
 use crate::ingest::IngestError;
@@ -52,6 +52,7 @@ pub(super) fn run(command: Command, quiet: bool) -> Result<(), CommandError> {
         Command::Show(args) => super::show::show(handle, &args),
         Command::Remove(args) => remove(handle, &args, quiet),
         Command::Gc(args) => gc(handle, &args, quiet),
+        Command::Copy(args) => copy(handle, &args, quiet),
         Command::Verify(args) => verify(handle, &args, quiet),
         Command::Export(args) => export(handle, &args, quiet),
         Command::Serve(args) => super::serve::serve(args),
@@ -88,6 +89,20 @@ fn gc(handle: &Handle, args: &GcArgs, quiet: bool) -> Result<(), CommandError> {
             done.removed_plans,
             done.records,
             done.plans,
+        ));
+    }
+    Ok(())
+}
+
+fn copy(handle: &Handle, args: &CopyArgs, quiet: bool) -> Result<(), CommandError> {
+    let source = Library::open(&args.from)?;
+    let target = Library::open_or_create(&args.to)?;
+    let done = handle.block_on(target.copy_from(&source, &args.scenes))?;
+    output::report(args.report.as_deref(), &done)?;
+    if !quiet {
+        line(format_args!(
+            "{} scenes, {} published, {} of {} objects sent, {} bytes",
+            done.scenes, done.published, done.copied, done.objects, done.copied_bytes,
         ));
     }
     Ok(())

@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::{Path as FilePath, PathBuf};
 
 use bytes::Bytes;
-use futures_util::TryStreamExt;
+use futures_util::{Stream, TryStreamExt};
 use lodestream_format::ContentHash;
 use lodestream_format::hash::ContentHasher;
 use object_store::path::Path;
@@ -49,23 +49,26 @@ impl Library {
                 Put::Known
             }
         };
-        self.upload(&path, file, &hash, bytes).await?;
+        let part_bytes = part_bytes(bytes);
+        let parts = Parts::open(file, part_bytes).await?.into_stream();
+        self.upload(&path, &hash, bytes, parts).await?;
         Ok((hash, put))
     }
 
-    /// Sends the parts; the object is there, whole, or is not.
-    async fn upload(
+    /// Sends what becomes an object of `bytes`, piece by piece; it is there, whole, or is not. Pieces are put together into parts that a
+    /// store takes.
+    pub(super) async fn upload(
         &self,
         path: &Path,
-        file: &FilePath,
         hash: &ContentHash,
         bytes: u64,
+        pieces: impl Stream<Item = Result<Bytes, LibraryError>>,
     ) -> Result<(), LibraryError> {
-        let part_bytes = PART_BYTES.max(bytes.div_ceil(MOST_PARTS));
+        let part_bytes = part_bytes(bytes);
         let upload = self.store.put_multipart(path).await;
         let upload = upload.map_err(|error| self.store_error(path, error))?;
         let mut upload = WriteMultipart::new_with_chunk_size(upload, part_bytes as usize);
-        let sent = self.send_parts(&mut upload, path, file, part_bytes).await;
+        let sent = self.send_pieces(&mut upload, path, pieces).await;
         let sent = sent.and_then(|found| match found == *hash {
             true => Ok(()),
             false => Err(self.damaged(path.as_ref(), wrong_hash(hash, &found, bytes))),
@@ -80,21 +83,20 @@ impl Library {
         Ok(())
     }
 
-    /// Gives the hash of what was sent: a file that changes between its two readings must not become an object.
-    async fn send_parts(
+    /// Gives the hash of what was sent: what changes while it is read must not become an object.
+    async fn send_pieces(
         &self,
         upload: &mut WriteMultipart,
         path: &Path,
-        file: &FilePath,
-        part_bytes: u64,
+        pieces: impl Stream<Item = Result<Bytes, LibraryError>>,
     ) -> Result<ContentHash, LibraryError> {
         let mut hasher = ContentHasher::default();
-        let mut parts = Parts::open(file, part_bytes).await?;
-        while let Some(part) = parts.next().await? {
-            hasher.update(&part);
+        let mut pieces = std::pin::pin!(pieces);
+        while let Some(piece) = pieces.try_next().await? {
+            hasher.update(&piece);
             let room = upload.wait_for_capacity(PARTS_AT_ONCE).await;
             room.map_err(|error| self.store_error(path, error))?;
-            upload.put(part);
+            upload.put(piece);
         }
         Ok(hasher.finish())
     }
@@ -124,6 +126,11 @@ impl Library {
         }
         Ok(part.is_empty() && parts.next().await?.is_none())
     }
+}
+
+/// Bytes of the parts that an object of `bytes` is sent in.
+fn part_bytes(bytes: u64) -> u64 {
+    PART_BYTES.max(bytes.div_ceil(MOST_PARTS))
 }
 
 async fn hash_file(file: &FilePath) -> Result<(ContentHash, u64), LibraryError> {
@@ -156,6 +163,14 @@ impl Parts {
             name,
             part_bytes,
             file: Some(file),
+        })
+    }
+
+    /// The parts that are left.
+    fn into_stream(self) -> impl Stream<Item = Result<Bytes, LibraryError>> {
+        futures_util::stream::try_unfold(self, |mut parts| async move {
+            let part = parts.next().await?;
+            Ok(part.map(|part| (part, parts)))
         })
     }
 

@@ -11,6 +11,7 @@
 //! `gc` sweeps what hangs on none. Any number of servers and one or more writers may share a library.
 
 mod builds;
+mod copy;
 mod error;
 mod files;
 mod gc;
@@ -28,6 +29,7 @@ use object_store::ObjectStore;
 use object_store::path::Path;
 
 pub use builds::BuildRecord;
+pub use copy::CopyReport;
 pub use error::LibraryError;
 pub use gc::{GcOptions, GcReport};
 pub use objects::{ObjectEntry, Put};

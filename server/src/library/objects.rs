@@ -69,7 +69,7 @@ impl Library {
         Ok((hash, put))
     }
 
-    async fn write(&self, path: &Path, bytes: Bytes) -> Result<(), LibraryError> {
+    pub(super) async fn write(&self, path: &Path, bytes: Bytes) -> Result<(), LibraryError> {
         self.store
             .put(path, PutPayload::from_bytes(bytes))
             .await
