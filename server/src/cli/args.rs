@@ -29,7 +29,7 @@ pub(super) enum Command {
     /// Build a scene from model files and publish it; what the library holds already is not built again.
     #[command(after_help = JOBS_HELP)]
     Ingest(IngestArgs),
-    /// Serve a library over HTTP/1.1 and cleartext HTTP/2 on one port.
+    /// Serve a library over HTTP/1.1 and HTTP/2 on one port, in cleartext or over TLS.
     Serve(ServeArgs),
     /// List the scenes.
     List(ListArgs),
@@ -126,6 +126,12 @@ pub(super) struct ServeArgs {
     /// Most bytes of pages and page tables kept in memory; units as in 256MiB.
     #[arg(long, value_name = "BYTES", default_value_t = DEFAULT_CACHE_BYTES as u64, value_parser = values::bytes)]
     pub cache_bytes: u64,
+    /// Speak TLS with this certificate chain (PEM); read again when it changes.
+    #[arg(long, value_name = "FILE.pem", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// The chain's private key (PEM).
+    #[arg(long, value_name = "FILE.pem", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
 }
 
 /// A library and nothing else.

@@ -7,6 +7,7 @@ use tokio::runtime::Handle;
 use super::args::{Command, CopyArgs, ExportArgs, GcArgs, SceneArgs, VerifyArgs};
 use super::output::{self, line};
 use crate::export::{self, Detail, ExportError};
+use crate::http::tls::TlsError;
 use crate::ingest::IngestError;
 use crate::library::{GcOptions, Library, LibraryError};
 use crate::verify;
@@ -34,6 +35,8 @@ pub(super) enum CommandError {
         address: String,
         cause: std::io::Error,
     },
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     #[error("cannot start threads: {0}")]
     Runtime(std::io::Error),
 }

@@ -5,6 +5,7 @@ use super::commands::CommandError;
 use super::output;
 use crate::http::AppState;
 use crate::http::serve::{Server, StopSignal};
+use crate::http::tls::Tls;
 use crate::library::Library;
 
 /// Serves a library.
@@ -25,7 +26,13 @@ pub(super) fn serve(args: ServeArgs) -> Result<(), CommandError> {
         };
         let server = Server::bind(&args.listen).await.map_err(listen)?;
         let stop = StopSignal::install().map_err(CommandError::Runtime)?;
-        output::line(format_args!("listening on http://{}", server.address()));
+        let (server, scheme) = match (&args.tls_cert, &args.tls_key) {
+            (Some(certificates), Some(key)) => {
+                (server.with_tls(Tls::load(certificates, key)?), "https")
+            }
+            _ => (server, "http"),
+        };
+        output::line(format_args!("listening on {scheme}://{}", server.address()));
         let state = AppState::new(library, args.cache_bytes as usize);
         server.run(state, stop.wait()).await;
         Ok(())

@@ -20,6 +20,7 @@ mod scenes;
 pub mod serve;
 mod socket;
 mod tables;
+pub mod tls;
 mod viewers;
 
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Sockets and shutdown: HTTP/1.1 and cleartext HTTP/2 with prior knowledge on one port.
+//! Sockets and shutdown: HTTP/1.1 and HTTP/2 on one port, in cleartext (HTTP/2 with prior knowledge) or over TLS.
 //!
 //! `axum::serve` leaves Nagle's algorithm on (40 ms stalls) and hyper's header timeout without a timer (connections that are
 //! silent stay for ever), hence this loop.
@@ -11,13 +11,15 @@ use std::time::Duration;
 
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
-use hyper_util::server::graceful::GracefulShutdown;
-use tokio::net::{TcpListener, TcpStream};
+use hyper_util::server::graceful::{GracefulShutdown, Watcher};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 
 use super::AppState;
 use super::front::Front;
 use super::socket::Socket;
+use super::tls::Tls;
 
 /// Longest wait for a request's head, also between two requests of one connection.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
@@ -33,6 +35,7 @@ const MAX_CONNECTIONS: usize = 16_384;
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
+    tls: Option<Tls>,
 }
 
 impl Server {
@@ -40,7 +43,19 @@ impl Server {
     pub async fn bind(listen: &str) -> io::Result<Self> {
         let listener = TcpListener::bind(listen).await?;
         let address = listener.local_addr()?;
-        Ok(Self { listener, address })
+        Ok(Self {
+            listener,
+            address,
+            tls: None,
+        })
+    }
+
+    /// Speaks TLS, and nothing else.
+    pub fn with_tls(self, tls: Tls) -> Self {
+        Self {
+            tls: Some(tls),
+            ..self
+        }
     }
 
     /// The address that was bound.
@@ -54,6 +69,7 @@ impl Server {
         let connections = Arc::new(Semaphore::new(MAX_CONNECTIONS));
         let graceful = GracefulShutdown::new();
         let builder = builder();
+        let reload = self.tls.clone().map(|tls| tokio::spawn(tls.reload()));
         let mut shutdown = std::pin::pin!(shutdown);
         loop {
             let accepted = async {
@@ -71,15 +87,26 @@ impl Server {
                     }
                 },
             };
-            let Some(io) = prepare(stream) else { continue };
-            let connection = builder.serve_connection(io, service.clone());
-            let connection = graceful.watch(connection.into_owned());
+            if stream.set_nodelay(true).is_err() {
+                // The peer is gone already.
+                continue;
+            }
+            let (builder, service) = (builder.clone(), service.clone());
+            let (watcher, tls) = (graceful.watcher(), self.tls.clone());
             tokio::spawn(async move {
-                if let Err(error) = connection.await {
-                    tracing::debug!("connection: {error}");
+                match tls {
+                    None => connection(stream, &builder, service, watcher).await,
+                    Some(tls) => {
+                        if let Some(stream) = Box::pin(tls.accept(stream)).await {
+                            Box::pin(connection(stream, &builder, service, watcher)).await;
+                        }
+                    }
                 }
                 drop(permit);
             });
+        }
+        if let Some(reload) = reload {
+            reload.abort();
         }
         state.drain();
         drop(self.listener);
@@ -107,11 +134,19 @@ fn builder() -> Builder<TokioExecutor> {
     builder
 }
 
-fn prepare(stream: TcpStream) -> Option<TokioIo<Socket>> {
-    match stream.set_nodelay(true) {
-        Ok(()) => Some(TokioIo::new(Socket::new(stream, HEAD_TIMEOUT))),
-        // The peer is gone already.
-        Err(_) => None,
+/// Serves one connection until it ends.
+async fn connection<S>(
+    stream: S,
+    builder: &Builder<TokioExecutor>,
+    service: Front,
+    watcher: Watcher,
+) where
+    S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+{
+    let io = TokioIo::new(Socket::new(stream, HEAD_TIMEOUT));
+    let connection = builder.serve_connection(io, service).into_owned();
+    if let Err(error) = watcher.watch(connection).await {
+        tracing::debug!("connection: {error}");
     }
 }
 

@@ -9,7 +9,6 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::net::TcpStream;
 use tokio::time::Sleep;
 
 /// Bytes that tell the protocol: the length of HTTP/2's preface.
@@ -17,14 +16,14 @@ const PREFACE_BYTES: usize = 24;
 
 /// A stream whose first [`PREFACE_BYTES`] must come before a deadline.
 #[derive(Debug)]
-pub(super) struct Socket {
-    stream: TcpStream,
+pub(super) struct Socket<S> {
+    stream: S,
     deadline: Option<Pin<Box<Sleep>>>,
     read_bytes: usize,
 }
 
-impl Socket {
-    pub(super) fn new(stream: TcpStream, first_bytes: Duration) -> Self {
+impl<S> Socket<S> {
+    pub(super) fn new(stream: S, first_bytes: Duration) -> Self {
         Self {
             stream,
             deadline: Some(Box::pin(tokio::time::sleep(first_bytes))),
@@ -33,7 +32,7 @@ impl Socket {
     }
 }
 
-impl AsyncRead for Socket {
+impl<S: AsyncRead + Unpin> AsyncRead for Socket<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -59,7 +58,7 @@ impl AsyncRead for Socket {
     }
 }
 
-impl AsyncWrite for Socket {
+impl<S: AsyncWrite + Unpin> AsyncWrite for Socket<S> {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -93,7 +92,7 @@ impl AsyncWrite for Socket {
 mod tests {
     use super::*;
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
-    use tokio::net::TcpListener;
+    use tokio::net::{TcpListener, TcpStream};
 
     #[tokio::test]
     async fn a_silent_connection_ends_and_one_that_spoke_stays() {
