@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import random
 import re
 import statistics
 import subprocess
@@ -10,12 +11,14 @@ import sys
 import urllib.error
 import urllib.request
 
-binary, library, scene, out, server_pid = sys.argv[1:]
+binary, library, scene, out, server_pid, tls_server_pid = sys.argv[1:]
 CONNECTIONS = [int(count) for count in os.environ.get("CONNECTIONS", "16 64 256 1024").split()]
+STREAMS = [int(count) for count in os.environ.get("STREAMS", "32 128").split()]
 ROUNDS = int(os.environ.get("ROUNDS", "3"))
 SECS = int(os.environ.get("SECS", "3"))
 OURS = "http://127.0.0.1:7979"
 PORTS = {"lodestream": 7979, "nginx": 7980, "nginx, tcp_nopush off": 7981}
+STREAM_PORTS = {"lodestream": 7979, "nginx": 7990, "lodestream TLS": 7982, "nginx TLS": 8000}
 TICK_MICROSECONDS = 1e6 / os.sysconf("SC_CLK_TCK")
 
 
@@ -54,9 +57,9 @@ def pages_to_files():
 
 def processes(name):
     """Process numbers of a server: our one, or nginx's master and workers."""
-    if name == "lodestream":
-        return [int(server_pid)]
-    conf = "nginx" if name == "nginx" else "nginx-push"
+    if name.startswith("lodestream"):
+        return [int(tls_server_pid if name.endswith("TLS") else server_pid)]
+    conf = "nginx-push" if name.endswith("off") else "nginx"
     with open(f"{out}/{conf}.pid") as file:
         master = int(file.read())
     children = subprocess.run(["pgrep", "-P", str(master)], capture_output=True, text=True).stdout.split()
@@ -99,6 +102,52 @@ def measure(name, connections):
     }
 
 
+def measure_streams(name, streams):
+    """As `measure`, over one HTTP/2 connection; h2load gives no percentiles."""
+    scheme = "https" if name.endswith("TLS") else "http"
+    urls = out + "/urls.txt"
+    with open(urls, "w") as file:
+        for path in random.sample(paths, len(paths)):
+            file.write(f"{scheme}://127.0.0.1:{STREAM_PORTS[name]}{path}\n")
+    before, _ = used(name)
+    command = ["h2load", "-c1", "-t1", f"-m{streams}", f"-D{SECS}", "-w30", "-W30", "-i", urls]
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    after, megabytes = used(name)
+    done, failed = (int(re.search(r"(\d+) " + word, text)[1]) for word in ("succeeded", "failed"))
+    mean = re.search(r"time for request:\s+\S+\s+\S+\s+(\S+)", text)[1]
+    return {
+        "requests_per_s": float(re.search(r"([\d.]+) req/s", text)[1]),
+        "mean_ms": milliseconds(mean),
+        "cpu_us": (after - before) / max(done, 1),
+        "resident_mb": megabytes,
+        "errors": failed,
+    }
+
+
+def table(title, counts, names, of, measure):
+    """Measures and prints rows; gives them."""
+    print(f"{title:>22} {'':5} {'req/s':>8} {'GB/s':>5} {'of nginx':>8} {'p50 ms':>7} {'p99 ms':>7} {'CPU us':>6} {'RSS MB':>6} {'errors':>6}")
+    rows = []
+    for count in counts:
+        found = {name: [] for name in names}
+        for _ in range(ROUNDS):
+            for name in names:
+                found[name].append(measure(name, count))
+        medians = {
+            name: {key: statistics.median(run[key] for run in runs) for key in runs[0]} for name, runs in found.items()
+        }
+        for name, row in medians.items():
+            row["of_nginx"] = row["requests_per_s"] / medians[of(name)]["requests_per_s"]
+            rows.append({"server": name, "connections_or_streams": count, "mean_bytes": mean_bytes, **row})
+            cell = lambda key: f"{row[key]:7.2f}" if key in row else f"{'-':>7}"
+            print(
+                f"{name:>22} {count:5} {row['requests_per_s']:8.0f} {row['requests_per_s'] * mean_bytes / 1e9:5.2f} {row['of_nginx']:8.2f}"
+                f" {cell('p50_ms')} {cell('p99_ms')} {row['cpu_us']:6.1f} {row['resident_mb']:6.0f} {row['errors']:6.0f}",
+                flush=True,
+            )
+    return rows
+
+
 paths, mean_bytes = pages_to_files()
 with open(out + "/pages.lua", "w") as file:
     file.write("local paths = {%s}\n" % ",".join(f'"{path}"' for path in paths))
@@ -107,23 +156,8 @@ with open(out + "/pages.lua", "w") as file:
     file.write("function init() math.randomseed(seed) end\n")
     file.write("function request() return wrk.format('GET', paths[math.random(#paths)]) end\n")
 print(f"{len(paths)} pages of {mean_bytes / 1024:.1f} KiB on average, {ROUNDS} rounds of {SECS} s, medians")
-print(f"{'server':>22} {'conns':>5} {'req/s':>8} {'GB/s':>5} {'of nginx':>8} {'p50 ms':>7} {'p99 ms':>7} {'CPU us':>6} {'RSS MB':>6} {'errors':>6}")
-rows = []
-for connections in CONNECTIONS:
-    found = {name: [] for name in PORTS}
-    for _ in range(ROUNDS):
-        for name in PORTS:
-            found[name].append(measure(name, connections))
-    medians = {
-        name: {key: statistics.median(run[key] for run in runs) for key in runs[0]} for name, runs in found.items()
-    }
-    for name, row in medians.items():
-        row["of_nginx"] = row["requests_per_s"] / medians["nginx"]["requests_per_s"]
-        rows.append({"server": name, "connections": connections, "mean_bytes": mean_bytes, **row})
-        print(
-            f"{name:>22} {connections:5} {row['requests_per_s']:8.0f} {row['requests_per_s'] * mean_bytes / 1e9:5.2f} {row['of_nginx']:8.2f}"
-            f" {row['p50_ms']:7.2f} {row['p99_ms']:7.2f} {row['cpu_us']:6.1f} {row['resident_mb']:6.0f} {row['errors']:6.0f}",
-            flush=True,
-        )
+rows = table("connections, HTTP/1.1", CONNECTIONS, PORTS, lambda name: "nginx", measure)
+of = lambda name: name.replace("lodestream", "nginx")
+streams = table("streams, one HTTP/2", STREAMS, STREAM_PORTS, of, measure_streams)
 with open(out + "/servers.json", "w") as file:
-    json.dump({"rows": rows}, file, indent=1)
+    json.dump({"connections": rows, "streams": streams}, file, indent=1)

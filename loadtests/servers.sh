@@ -1,17 +1,18 @@
 #!/usr/bin/env bash
 # Page requests a second against nginx over the same bytes, in one run: `make servers`. Both serve every page of a scene at the same
-# URLs on loopback, to wrk on the same machine; rounds alternate, the table shows medians.
+# URLs on loopback, to wrk (HTTP/1.1) and h2load (one HTTP/2 connection, in cleartext and over TLS) on the same machine; rounds
+# alternate, the table shows medians.
 #
 #   LIBRARY, SCENE   a library and a scene in it (else the sample rock is ingested)
-#   CONNECTIONS      "16 64 256 1024"      ROUNDS 3      SECS 3      CACHE_BYTES of `lodestream-server serve`
+#   CONNECTIONS      "16 64 256 1024"      STREAMS "32 128"      ROUNDS 3      SECS 3      CACHE_BYTES of `lodestream-server serve`
 set -eu
 cd "$(dirname "$0")/.."
 
-for tool in nginx wrk curl python3; do
+for tool in nginx wrk h2load curl openssl python3; do
   command -v "$tool" >/dev/null || PATH=$PATH:/usr/sbin command -v "$tool" >/dev/null || missing+=" $tool"
 done
 if [ -n "${missing-}" ]; then
-  echo "needs$missing (Debian: apt-get install nginx-light wrk curl python3)" >&2
+  echo "needs$missing (Debian: apt-get install nginx-light wrk nghttp2-client curl openssl python3)" >&2
   exit 1
 fi
 PATH=$PATH:/usr/sbin
@@ -30,6 +31,10 @@ fi
 ours=http://127.0.0.1:7979
 "$bin/lodestream-server" serve --library "$LIBRARY" --listen 127.0.0.1:7979 ${CACHE_BYTES:+--cache-bytes "$CACHE_BYTES"} >"$out/serve.log" 2>&1 &
 server=$!
+openssl req -x509 -newkey rsa:2048 -nodes -days 30 -subj /CN=127.0.0.1 -keyout "$out/key.pem" -out "$out/cert.pem" 2>/dev/null
+"$bin/lodestream-server" serve --library "$LIBRARY" --listen 127.0.0.1:7982 ${CACHE_BYTES:+--cache-bytes "$CACHE_BYTES"} \
+  --tls-cert "$out/cert.pem" --tls-key "$out/key.pem" >"$out/serve-tls.log" 2>&1 &
+tls_server=$!
 nginx_conf() {
   cat <<CONF
 worker_processes $(nproc);
@@ -41,14 +46,18 @@ http {
   open_file_cache max=100000 inactive=600s; open_file_cache_valid 600s;
   default_type application/octet-stream;
   client_body_temp_path $out/tmp; proxy_temp_path $out/tmp; fastcgi_temp_path $out/tmp; uwsgi_temp_path $out/tmp; scgi_temp_path $out/tmp;
-  server { listen 127.0.0.1:$3 backlog=4096; root $out/www; etag on; add_header Cache-Control "public, max-age=31536000, immutable"; }
+  root $out/www; etag on; add_header Cache-Control "public, max-age=31536000, immutable";
+  http2_chunk_size 128k; ssl_certificate $out/cert.pem; ssl_certificate_key $out/key.pem; ssl_protocols TLSv1.3;
+  server { listen 127.0.0.1:$3 backlog=4096; }
+  server { listen 127.0.0.1:$(($3 + 10)) http2; }
+  server { listen 127.0.0.1:$(($3 + 20)) ssl http2; }
 }
 CONF
 }
 nginx_conf nginx on 7980 >"$out/nginx.conf"
 nginx_conf nginx-push off 7981 >"$out/nginx-push.conf"
 stop() {
-  kill "$server" 2>/dev/null || true
+  kill "$server" "$tls_server" 2>/dev/null || true
   for name in nginx nginx-push; do
     if [ -f "$out/$name.pid" ]; then kill "$(cat "$out/$name.pid")" 2>/dev/null || true; fi
   done
@@ -62,4 +71,4 @@ for _ in $(seq 100); do
   sleep 0.1
 done
 
-python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server"
+python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server" "$tls_server"
