@@ -397,8 +397,8 @@ fn wrong_usage_is_2_and_failures_are_1_in_one_line() {
             &["bad.glb", "expected"],
         ),
         (
-            &["ingest", model, "--library", "s3://b/p", "--scene", "x"],
-            &["s3://b/p", "no S3"],
+            &["ingest", model, "--library", "gs://b/p", "--scene", "x"],
+            &["gs://b/p", "s3://bucket/prefix"],
         ),
         (
             &[
