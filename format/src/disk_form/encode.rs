@@ -5,9 +5,10 @@ use super::order::canonical;
 use super::predict::{
     beyond_edge, difference, is_normal, on_octahedron, surface_shift, triangle_normal,
 };
+use super::ring::Edge;
 use super::sources::{MOST_ROUNDS, Parent, Source, Sources, kind};
 use super::stored::{Counts, Sections, Stored};
-use super::topology::{self, Edge, StepWriter};
+use super::topology::{self, StepWriter};
 use super::{FIELDS, Layout, MAGIC, ROUND_SHIFT, header_word};
 use crate::cluster::{Attributes, Cluster};
 use crate::error::FormatError;

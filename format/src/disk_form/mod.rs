@@ -18,6 +18,7 @@ mod order;
 mod parse;
 mod predict;
 mod restore;
+mod ring;
 mod sources;
 mod stored;
 mod topology;

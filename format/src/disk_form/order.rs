@@ -1,6 +1,6 @@
 //! The order of a cluster's triangles and vertices in a page: that of the steps around its open edges (see `topology`).
 
-use super::topology::{Gate, Ring};
+use super::ring::{Gate, Ring};
 use crate::cluster::Cluster;
 
 /// Number of a vertex that no triangle has had.

@@ -7,6 +7,7 @@ pub mod bumps;
 pub mod gltf;
 pub mod made;
 pub mod server;
+pub mod stores;
 pub mod watched;
 
 /// A runtime of two threads for what is not async.
