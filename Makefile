@@ -15,6 +15,7 @@ demo: build
 test:
 	@.ci/vulkan
 	@[ -d ../shared/models ] || echo "SKIPPED: tests over ../shared/models, which is not there (they count as passed below)"
+	@[ -n "$$LODESTREAM_TEST_S3" ] || echo "SKIPPED: the library's tests over S3 (make test-s3 runs them; they count as passed below)"
 	@if $(CARGO) nextest --version >/dev/null 2>&1; then \
 	  $(CARGO) nextest run --workspace --no-fail-fast; \
 	else \

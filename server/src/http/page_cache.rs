@@ -87,8 +87,6 @@ impl PageCache {
         if let Some(slices) = self.held(&asset.pack, range.clone()) {
             return Ok(slices);
         }
-        let misses = numbers(&range).count() as u64;
-        self.misses.fetch_add(misses, Ordering::Relaxed);
         let read: Result<Vec<Bytes>, LibraryError> = stream::iter(numbers(&range))
             .map(|number| {
                 let range = &range;
@@ -117,6 +115,11 @@ impl PageCache {
         asset: &Asset,
         number: u64,
     ) -> Result<Bytes, LibraryError> {
+        if let Some(piece) = self.pieces.get(&(asset.pack, number)) {
+            self.hits.fetch_add(1, Ordering::Relaxed);
+            return Ok(piece);
+        }
+        self.misses.fetch_add(1, Ordering::Relaxed);
         let pack_bytes = asset
             .pages
             .last()
