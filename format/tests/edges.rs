@@ -66,6 +66,7 @@ fn heavy_packages_have_one_home() {
         ("gltf", &["server"]),
         // The load tests hold its clusterlod against our builder.
         ("meshopt", &["server", "loadtests"]),
+        ("metis", &["loadtests"]),
     ] {
         for folder in ["format", "shaders", "server", "client", "loadtests"] {
             let named = dependencies(folder).iter().any(|name| name == package);

@@ -53,6 +53,8 @@ pub enum Command {
     Compare(Compare),
     /// Hold our builder against clusterlod: time, memory, clusters, and errors measured on dense samples.
     Build(Build),
+    /// Hold single stages of our build against what libraries offer for them: meshoptimizer and METIS.
+    Libraries(Libraries),
     /// Measure a scene that a library holds against its own finest level: what groups promise, levels, open edges.
     Measure(Measure),
     /// What pages cost: stored bytes over position steps and placements, part by part, beside the same mesh without levels.
@@ -243,6 +245,17 @@ pub struct Build {
     pub no_memory: bool,
 }
 
+/// Arguments of `libraries`.
+#[derive(Debug, Args)]
+pub struct Libraries {
+    /// .glb or .gltf files; of each the largest mesh.
+    #[arg(value_name = "INPUT", required_unless_present = "generate")]
+    pub inputs: Vec<PathBuf>,
+    /// Made inputs, as SHAPE:TRIANGLES; shapes are torus, sphere, charts, facet, foliage.
+    #[arg(long, value_name = "SHAPE:N", num_args = 1..)]
+    pub generate: Vec<Generated>,
+}
+
 /// Arguments of `measure`.
 #[derive(Debug, Args)]
 pub struct Measure {
@@ -398,6 +411,7 @@ mod tests {
             "l report folder",
             "l build a.glb b.glb --threads 1,2 --report r.json",
             "l build --generate torus:1000000 sphere:1000000 --runs 5 --samples 0",
+            "l libraries a.glb --generate torus:1000",
             "l build-memory torus:1000 --part 0 --builder clusterlod",
             "l stability --full --report r.json",
         ] {

@@ -5,6 +5,7 @@ use std::path::Path;
 use lodestream_client::path::{CameraPath, PathError};
 use lodestream_client::stream::{OpenedScene, Source, StreamError, Transport};
 use lodestream_client::trace::Trace;
+use lodestream_loadtests::build::libraries;
 use lodestream_loadtests::build::memory::{self, MemoryOf};
 use lodestream_loadtests::build::print as build_print;
 use lodestream_loadtests::build::stability::{self, Sizes};
@@ -24,8 +25,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::cli::{
-    Build, BuildMemory, Cli, Command, Common, Compare, Load, Measure, Pages, Policies, Record,
-    Sample, TransportName,
+    Build, BuildMemory, Cli, Command, Common, Compare, Libraries, Load, Measure, Pages, Policies,
+    Record, Sample, TransportName,
 };
 
 const MEBIBYTE: u64 = 1 << 20;
@@ -99,6 +100,7 @@ pub fn run(cli: Cli) -> Result<(), CommandError> {
         Command::Sample(sample) => make_sample(sample)?,
         Command::Compare(files) => compare_pictures(&files)?,
         Command::Build(arguments) => return compare_builders(arguments, &cli.common),
+        Command::Libraries(arguments) => return compare_libraries(arguments, &cli.common),
         Command::Measure(arguments) => return measure_stored(&arguments, &cli.common),
         Command::Pages(arguments) => return measure_pages(arguments, &cli.common),
         Command::BuildMemory(arguments) => return build_memory(arguments),
@@ -125,6 +127,14 @@ fn compare_builders(arguments: Build, common: &Common) -> Result<(), CommandErro
     };
     let study = study::study(&options, |input| tracing::info!("building {input}"))?;
     finish_text(&build_print::study(&study), &value(&study), common)
+}
+
+fn compare_libraries(arguments: Libraries, common: &Common) -> Result<(), CommandError> {
+    let files = arguments.inputs.into_iter().map(MeshesOf::File);
+    let generated = arguments.generate.into_iter().map(MeshesOf::Generated);
+    let inputs: Vec<MeshesOf> = files.chain(generated).collect();
+    let rows = libraries::study(&inputs, |input| tracing::info!("building {input}"))?;
+    finish_text(&build_print::libraries(&rows), &value(&rows), common)
 }
 
 fn measure_stored(arguments: &Measure, common: &Common) -> Result<(), CommandError> {

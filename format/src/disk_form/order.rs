@@ -31,7 +31,10 @@ pub fn canonical(cluster: &Cluster) -> Cluster {
                 }
                 gate = ring.border(edge);
             }
-            let (index, turn) = beyond.unwrap_or_else(|| (run.most_known(&number), 0));
+            let (index, turn) = beyond.unwrap_or_else(|| {
+                let index = run.most_known(&number);
+                (index, new_last(own[index], &number))
+            });
             run.take(index);
             let mut corners = own[index];
             corners.rotate_left(turn);
@@ -70,6 +73,14 @@ pub fn canonical(cluster: &Cluster) -> Cluster {
         group: cluster.group,
         child_group: cluster.child_group,
     }
+}
+
+/// How far a triangle has to turn so that its new corners are the last: strips list no vertex of those.
+fn new_last(triangle: [u8; 3], number: &[u16; 256]) -> usize {
+    let is_new = triangle.map(|vertex| number[vertex as usize] == UNSEEN);
+    (0..3)
+        .find(|turn| !is_new[*turn] && is_new[(turn + 2) % 3])
+        .unwrap_or(0)
 }
 
 /// Triangles of one material that are put in order.

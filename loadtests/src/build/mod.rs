@@ -2,6 +2,7 @@
 //!
 //! `inputs` and files (`target`) are built and timed in turns (`rows`, `study`), memory in a process of its own (`memory`).
 //! Both builders' results become one shape (`dag`), which is measured (`distance`, `edges`, `curves`, `groups`); so is what a library holds (`stored`).
+//! Single stages are held against what libraries offer for them (`libraries`).
 
 pub mod clusterlod;
 pub mod curves;
@@ -11,6 +12,7 @@ pub mod edges;
 pub mod groups;
 pub mod inputs;
 pub mod knobs;
+pub mod libraries;
 pub mod memory;
 pub mod print;
 pub mod process;

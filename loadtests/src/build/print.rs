@@ -4,6 +4,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::curves::CutFigures;
+use super::libraries::Libraries;
 use super::stability::Stability;
 use super::stored::Stored;
 use super::study::{Promises, Study};
@@ -163,6 +164,55 @@ pub fn study(study: &Study) -> String {
     for errors in &study.errors {
         text += &levels(&errors.input, errors.builder, &errors.levels);
     }
+    text
+}
+
+/// Ours and theirs, stage by stage.
+pub fn libraries(libraries: &Libraries) -> String {
+    let mut text = table(
+        "triangles to clusters",
+        &[
+            ("input", "input"),
+            ("by", "by"),
+            ("clusters", "clusters"),
+            ("fill", "fill"),
+            ("places/tri", "places_per_triangle"),
+            ("border edges", "border_share"),
+            ("radius/disk", "radius_ratio"),
+            ("s", "secs"),
+        ],
+        &libraries.clusters,
+    );
+    text += &table(
+        "\nclusters to groups",
+        &[
+            ("input", "input"),
+            ("level", "level"),
+            ("clusters", "clusters"),
+            ("by", "by"),
+            ("groups", "groups"),
+            ("mean", "mean"),
+            ("largest", "largest"),
+            ("under 8", "small"),
+            ("locked edges/tri", "locked_per_triangle"),
+            ("s", "secs"),
+        ],
+        &libraries.partitions,
+    );
+    text += &table(
+        "\ngroups to half of their triangles; errors over ours",
+        &[
+            ("input", "input"),
+            ("by", "by"),
+            ("groups", "groups"),
+            ("triangles", "triangles"),
+            ("left", "left"),
+            ("max", "max_ratio"),
+            ("rms", "rms_ratio"),
+            ("s", "secs"),
+        ],
+        &libraries.simplifiers,
+    );
     text
 }
 

@@ -26,6 +26,14 @@ pub enum StudyError {
         /// What the reader said.
         source: FormatError,
     },
+    /// An input that the build refuses.
+    #[error("{input}: expected a mesh that builds, found: {reason}")]
+    Refused {
+        /// The input.
+        input: String,
+        /// What the build said.
+        reason: String,
+    },
     /// The process that measures memory.
     #[error("memory of {input}: expected figures from a process of its own, found {found}")]
     Child {

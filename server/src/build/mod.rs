@@ -139,6 +139,7 @@ pub fn build_at(
             .map(|_| ())
     })?;
     drop(blocks);
+    let leaves = start.elapsed();
     let source_triangles = dag
         .clusters
         .iter()
@@ -170,8 +171,12 @@ pub fn build_at(
         options.codec,
         scratch,
     )?;
-    let encode = start.elapsed() - build;
-    let report = report::report(warnings, &dag, &pages, &encoded, build, encode);
+    let seconds = BuildSeconds {
+        leaves: leaves.as_secs_f64(),
+        build: build.as_secs_f64(),
+        encode: (start.elapsed() - build).as_secs_f64(),
+    };
+    let report = report::report(warnings, &dag, &pages, &encoded, seconds);
     Ok(BuiltAsset {
         asset: encoded.asset,
         asset_bytes: encoded.asset_bytes,

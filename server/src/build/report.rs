@@ -1,7 +1,5 @@
 //! What a build did, in the keys of `ingest --report`.
 
-use std::time::Duration;
-
 use super::dag::Dag;
 use super::encode::Encoded;
 use super::paginate::Pages;
@@ -71,6 +69,8 @@ pub struct LevelRow {
 /// Wall-clock seconds of the stages.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
 pub struct BuildSeconds {
+    /// Mesh to the clusters of level 0; a part of `build`.
+    pub leaves: f64,
     /// Mesh to pages.
     pub build: f64,
     /// Pages to bytes.
@@ -83,8 +83,7 @@ pub(super) fn report(
     dag: &Dag,
     pages: &Pages,
     encoded: &Encoded,
-    build: Duration,
-    encode: Duration,
+    seconds: BuildSeconds,
 ) -> BuildReport {
     let asset = &encoded.asset;
     let mut levels_table: Vec<LevelRow> = (0..asset.levels)
@@ -126,10 +125,7 @@ pub(super) fn report(
         },
         cluster_fill: asset.dag_triangles as f64 / asset.clusters as f64,
         levels_table,
-        seconds: BuildSeconds {
-            build: build.as_secs_f64(),
-            encode: encode.as_secs_f64(),
-        },
+        seconds,
         warnings,
     }
 }

@@ -55,6 +55,8 @@ struct Row {
 #[derive(Deserialize)]
 #[serde(remote = "BuildSeconds", deny_unknown_fields)]
 struct Seconds {
+    #[serde(default)]
+    leaves: f64,
     build: f64,
     encode: f64,
 }

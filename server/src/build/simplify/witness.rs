@@ -22,7 +22,9 @@ pub(in super::super) const HANDED_ON: f32 = 0.25;
 /// A witness whose squared distance is less than this share of the largest so far is not looked at further.
 const ENOUGH: f32 = 0.5;
 /// Places whose mean squared distance to their planes is more than this share of the largest squared distance are loose.
-const LOOSE: f32 = 0.1;
+const LOOSE: f32 = 0.05;
+/// An edge of more than this times the typical length is looked at in four parts, not in two.
+const LONG: f32 = 1.4;
 
 /// Share of the largest squared distance that a triangle must have so that it is looked at once more.
 const CLOSE: f32 = 0.75;
@@ -198,6 +200,10 @@ impl Court {
     ) -> f32 {
         let places = |&vertices: &[u16; 3]| mesh.places(vertices).map(|place| place as u16);
         self.old.set(origins, mesh.triangles.iter().map(places));
+        let left = state.corners.iter().zip(&state.alive);
+        let left = left.filter(|&(_, &alive)| alive);
+        let left: Vec<[u16; 3]> = left.map(|(&corners, _)| corners).collect();
+        let long = LONG * mesh.typical_edge(&left);
         let mut step = 0.0f32;
         // The triangles that lie farthest off in samples so far, farthest first.
         let mut farthest = [(0.0f32, NOTHING); CLOSER_LOOKS];
@@ -223,12 +229,16 @@ impl Court {
                 if places[side] < places[next] {
                     look_at(half, places[side]);
                 }
+                let along = sub(corners[next], corners[side]);
+                let folded = state.folded[places[side]];
+                if folded || dot(along, along) > long * long {
+                    look_at(middle(corners[side], half), places[side]);
+                    look_at(middle(half, corners[next]), places[next]);
+                }
                 // Where the surface lies on itself, what is new may reach beyond its outline anywhere.
-                if state.folded[places[side]] {
-                    for (from, to) in [(corners[side], half), (half, corners[next])] {
-                        look_at(from, places[side]);
-                        look_at(middle(from, to), places[side]);
-                    }
+                if folded {
+                    look_at(corners[side], places[side]);
+                    look_at(half, places[side]);
                     look_at(middle(corners[side], center), places[side]);
                 }
             }
