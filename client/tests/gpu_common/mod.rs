@@ -12,7 +12,7 @@ use lodestream_format::disk_form::DiskForm;
 use lodestream_format::scene::{
     AlphaMode, Instance, Material, MediaType, SceneAsset, Texture, TextureUse, Wrap,
 };
-use lodestream_format::{Asset, ContentHash, Hierarchy, Scene};
+use lodestream_format::{Asset, ContentHash, Hierarchy, Scene, frame};
 use lodestream_server::build::{BuildOptions, BuiltAsset, build, decode_pages};
 use lodestream_server::import::Mesh;
 use lodestream_server::library::Library;
@@ -133,7 +133,7 @@ impl TestScene {
     }
 
     /// Scene-wide number of the first page of a page's asset.
-    fn base(&self, page: u32) -> u32 {
+    pub fn base(&self, page: u32) -> u32 {
         let bases = &self.arrays.assets;
         let asset = bases.partition_point(|record| record.page_base <= page) - 1;
         bases[asset].page_base
@@ -143,6 +143,16 @@ impl TestScene {
         let bases = &self.arrays.assets;
         let asset = bases.partition_point(|record| record.page_base <= page) - 1;
         &self.forms[asset][(page - bases[asset].page_base) as usize]
+    }
+
+    /// A page in disk form, out of its frame.
+    pub fn disk_words(&self, page: u32) -> Vec<u32> {
+        let bases = &self.arrays.assets;
+        let asset = bases.partition_point(|record| record.page_base <= page) - 1;
+        let built = &self.built[asset];
+        let entry = &built.asset.pages[(page - bases[asset].page_base) as usize];
+        let range = entry.offset..entry.offset + u64::from(entry.bytes);
+        frame::decode(&built.pack.read(range).unwrap()).unwrap()
     }
 
     /// The pool as the twins see it, and its page table.
