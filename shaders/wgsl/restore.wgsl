@@ -1,5 +1,5 @@
-// Values of all vertices of a page, a workgroup a page: a round of clusters after the other, a thread a field of a cluster. What a
-// cluster of an earlier round or a parent in the pool has is taken from there; the rest is what is expected and a difference. Normals are
+// Values of all vertices of a page, a workgroup a page: first those that parents in the pool have, a thread a vertex; then a round of
+// clusters after the other, a thread a field of a cluster. What a cluster of an earlier round has is taken from there; the rest is what is expected and a difference. Normals are
 // left as differences, and repeated ones as they are, for `restore_normals` and `transcode`.
 #import staged_form
 
@@ -28,8 +28,8 @@ fn least_word(field: u32) -> u32 {
     return select(CLUSTER_WORD_COLOR_MIN, CLUSTER_WORD_UV_MIN + field - FIELD_UV, field < FIELD_COLOR);
 }
 
-// A field of a parent's vertex. Whatever the pool holds, a word of it is read.
-fn inherited(job: TranscodeJob, attributes: u32, field: u32, source: u32) -> u32 {
+// The fields of a parent's vertex, from zero, to where those of the vertex that inherits them go. Whatever the pool holds, a word of it is read.
+fn inherit(job: TranscodeJob, attributes: u32, slots: u32, vertices: u32, vertex: u32, source: u32) {
     let parent = job.parents_word + 2u * ((source >> 8u) & 0x3fffffu);
     let page = staging[parent];
     let clusters = load_pool(page + PAGE_WORD_CLUSTER_COUNT);
@@ -37,24 +37,24 @@ fn inherited(job: TranscodeJob, attributes: u32, field: u32, source: u32) -> u32
     let header = page + PAGE_HEADER_WORDS + cluster * CLUSTER_HEADER_WORDS;
     let widths = load_pool(header + CLUSTER_WORD_WIDTHS);
     let color_widths = load_pool(header + CLUSTER_WORD_COLOR_WIDTHS);
-    var before = 0u;
-    for (var other = 0u; other < field; other++) {
-        before += field_bits(attributes, widths, color_widths, other);
-    }
-    let bits = field_bits(attributes, widths, color_widths, field);
-    let least = least_of(field, load_pool(header + least_word(field)));
-    if bits == 0u {
-        return least;
-    }
-    let record = (source & 0xffu) * vertex_bits_of(attributes, widths, color_widths);
     let first = page + load_pool(header + CLUSTER_WORD_PAYLOAD) + strip_words_of(widths);
-    let bit = record + before;
-    let word = first + bit / 32u;
-    var value = load_pool(word) >> (bit % 32u);
-    if bit % 32u + bits > 32u {
-        value |= load_pool(word + 1u) << (32u - bit % 32u);
+    var bit = (source & 0xffu) * vertex_bits_of(attributes, widths, color_widths);
+    for (var slot = 0u; slot < slots; slot++) {
+        let field = field_of(attributes, slot);
+        let bits = field_bits(attributes, widths, color_widths, field);
+        var value = 0u;
+        if bits > 0u {
+            let word = first + bit / 32u;
+            value = load_pool(word) >> (bit % 32u);
+            if bit % 32u + bits > 32u {
+                value |= load_pool(word + 1u) << (32u - bit % 32u);
+            }
+            value &= (1u << bits) - 1u;
+        }
+        let least = least_of(field, load_pool(header + least_word(field)));
+        restored[job.restored_word + slot * vertices + vertex] = least + value;
+        bit += bits;
     }
-    return least + (value & ((1u << bits) - 1u));
 }
 
 fn restore_field(job: TranscodeJob, cluster: u32, slot: u32) {
@@ -89,7 +89,7 @@ fn restore_field(job: TranscodeJob, cluster: u32, slot: u32) {
                 value = (restored[holder] + other_least - least) & mask;
             }
         } else if kind == SOURCE_INHERITED {
-            value = (inherited(job, attributes, field, source) - least) & mask;
+            value = (restored[own_values + vertex] - least) & mask;
         } else {
             var stored = 0u;
             for (var byte = 0u; byte < bytes; byte++) {
@@ -129,7 +129,17 @@ fn restore(
         rounds = disk_word(job, DISK_WORD_ROUNDS);
     }
     let last_round = workgroupUniformLoad(&rounds);
-    let slots = slots_of(disk_word(job, DISK_WORD_ATTRIBUTES));
+    let attributes = disk_word(job, DISK_WORD_ATTRIBUTES);
+    let slots = slots_of(attributes);
+    let vertices = disk_word(job, DISK_WORD_VERTEX_COUNT);
+    let first_source = sources(job);
+    for (var vertex = local; vertex < vertices; vertex += RESTORE_THREADS) {
+        let source = staging[first_source + vertex];
+        if source >> SOURCE_KIND_SHIFT == SOURCE_INHERITED {
+            inherit(job, attributes, slots, vertices, vertex, source);
+        }
+    }
+    storageBarrier();
     let items = disk_word(job, DISK_WORD_CLUSTER_COUNT) * slots;
     for (var round = 0u; round < last_round; round++) {
         for (var item = local; item < items; item += RESTORE_THREADS) {

@@ -11,15 +11,32 @@ const SURFACE_BITS: u32 = 14u;
 
 // Three for each vertex: the sum of the normals of its triangles, as long as twice their areas, modulo 2^32.
 var<workgroup> sums: array<atomic<i32>, 768>;
+// Third corners of the triangles: what most others are made of.
+var<workgroup> thirds: array<u32, 128>;
 
 fn load_strip_word(word: u32) -> u32 {
     return staging[word];
 }
 
-fn place(job: TranscodeJob, first_vertex: u32, vertex: u32, shift: u32) -> vec3<i32> {
-    let vertices = disk_word(job, DISK_WORD_VERTEX_COUNT);
-    let word = job.restored_word + first_vertex + vertex;
+// Position of the vertex whose x lies in a word of `restored`, and whose y and z lie `vertices` words further each.
+fn place(word: u32, vertices: u32, shift: u32) -> vec3<i32> {
     return vec3<i32>(vec3(restored[word], restored[word + vertices], restored[word + 2u * vertices]) >> vec3(shift));
+}
+
+// As strip_triangle, with what other threads have found.
+fn corners_of(strips: Strips, triangle: u32) -> vec3<u32> {
+    let third = thirds[triangle];
+    if strip_has(strips, triangle, STRIP_MASK_RESTART) {
+        return vec3(strip_edge(strips, triangle), third);
+    }
+    let turns = strip_has(strips, triangle, STRIP_MASK_TURN);
+    let bend = strip_last_bend(strips, triangle);
+    var around = thirds[max(bend, 1u) - 1u];
+    if strip_has(strips, bend, STRIP_MASK_RESTART) {
+        around = strip_edge(strips, bend)[select(1u, 0u, turns)];
+    }
+    let newest = thirds[max(triangle, 1u) - 1u];
+    return select(vec3(newest, around, third), vec3(around, newest, third), turns);
 }
 
 // The octahedral pair nearest to a direction, coordinate by coordinate; the middle for none.
@@ -60,16 +77,21 @@ fn restore_normals(
     for (var sum = local; sum < 3u * vertex_count; sum += NORMALS_THREADS) {
         atomicStore(&sums[sum], 0i);
     }
-    workgroupBarrier();
-    let widest = max(max(width_of(widths, 0u), width_of(widths, 1u)), width_of(widths, 2u));
-    let shift = max(widest, SURFACE_BITS) - SURFACE_BITS;
     let first_strip = strips_word(job) + span.first_strip;
     let strips = strips_at(first_strip, triangle_count_of(counts), index_bits_of(counts));
     for (var triangle = local; triangle < triangle_count_of(counts); triangle += NORMALS_THREADS) {
-        let corners = strip_triangle(strips, triangle);
-        let a = place(job, span.first_vertex, corners.x, shift);
-        let p = place(job, span.first_vertex, corners.y, shift) - a;
-        let q = place(job, span.first_vertex, corners.z, shift) - a;
+        thirds[triangle] = strip_third(strips, triangle);
+    }
+    workgroupBarrier();
+    let vertices = disk_word(job, DISK_WORD_VERTEX_COUNT);
+    let first_place = job.restored_word + span.first_vertex;
+    let widest = max(max(width_of(widths, 0u), width_of(widths, 1u)), width_of(widths, 2u));
+    let shift = max(widest, SURFACE_BITS) - SURFACE_BITS;
+    for (var triangle = local; triangle < triangle_count_of(counts); triangle += NORMALS_THREADS) {
+        let corners = corners_of(strips, triangle);
+        let a = place(first_place + corners.x, vertices, shift);
+        let p = place(first_place + corners.y, vertices, shift) - a;
+        let q = place(first_place + corners.z, vertices, shift) - a;
         let normal = p.yzx * q.zxy - p.zxy * q.yzx;
         for (var corner = 0u; corner < 3u; corner++) {
             let sum = 3u * corners[corner];
@@ -79,7 +101,6 @@ fn restore_normals(
         }
     }
     workgroupBarrier();
-    let vertices = disk_word(job, DISK_WORD_VERTEX_COUNT);
     let first_normal = job.restored_word + FIELD_NORMAL * vertices + span.first_vertex;
     let first_source = sources(job) + span.first_vertex;
     for (var vertex = local; vertex < vertex_count; vertex += NORMALS_THREADS) {

@@ -14,41 +14,45 @@ fn placed(value: u32, at: u32, start: u32) -> u32 {
     return value >> (start - at);
 }
 
-// A field of a vertex, in the slot that the page keeps it in.
-fn field_value(job: TranscodeJob, attributes: u32, field: u32, vertex: u32) -> u32 {
-    var holder = vertex;
-    if field >= FIELD_NORMAL && field < FIELD_UV {
-        // Normals count from zero in all clusters, so those that are repeated are those of the other vertex.
-        let source = staging[sources(job) + vertex];
-        if source >> SOURCE_KIND_SHIFT == SOURCE_REPEATED {
-            holder = span_of(job, (source >> 8u) & 0x3fffffu).first_vertex + (source & 0xffu);
-        }
-    }
-    let slot = slot_of(attributes, field);
-    return restored[job.restored_word + slot * disk_word(job, DISK_WORD_VERTEX_COUNT) + holder];
+// Where the vertices of a cluster lie, and what a record of one is made of.
+struct Records {
+    // First word of the fields of the cluster's first vertex in `restored`, and from a field to the next.
+    values_word: u32,
+    slot_words: u32,
+    // First word of their sources in `staging`.
+    sources_word: u32,
+    slots: u32,
+    // First slot of normals; none where it is as large as `slots`.
+    normal_slot: u32,
+    vertex_count: u32,
+    vertex_bits: u32,
 }
 
-// Word `word` of a cluster's vertex records.
-fn vertex_word(
-    job: TranscodeJob,
-    first_vertex: u32,
-    vertex_count: u32,
-    field_widths: array<u32, 11>,
-    vertex_bits: u32,
-    word: u32,
-) -> u32 {
+// How far the vertex whose normal is that of a repeated one lies from it: normals count from zero in all clusters.
+fn normal_holder(job: TranscodeJob, first_vertex: u32, source: u32, vertex: u32) -> u32 {
+    if source >> SOURCE_KIND_SHIFT != SOURCE_REPEATED {
+        return vertex;
+    }
+    return span_of(job, (source >> 8u) & 0x3fffffu).first_vertex + (source & 0xffu) - first_vertex;
+}
+
+// Word `word` of a cluster's vertex records, whose fields have `slot_bits` bits.
+fn vertex_word(job: TranscodeJob, first_vertex: u32, records: Records, slot_bits: array<u32, 11>, word: u32) -> u32 {
     // Indexed by a variable, and parameters cannot be.
-    var widths = field_widths;
-    let attributes = disk_word(job, DISK_WORD_ATTRIBUTES);
+    var widths = slot_bits;
     let start = word * 32u;
-    var vertex = start / vertex_bits;
-    var at = vertex * vertex_bits;
+    var vertex = start / records.vertex_bits;
+    var at = vertex * records.vertex_bits;
     var value = 0u;
-    while vertex < vertex_count && at < start + 32u {
-        for (var field = 0u; field < DISK_FIELDS; field++) {
-            let bits = widths[field];
+    while vertex < records.vertex_count && at < start + 32u {
+        for (var slot = 0u; slot < records.slots; slot++) {
+            let bits = widths[slot];
             if bits > 0u && at + bits > start && at < start + 32u {
-                value |= placed(field_value(job, attributes, field, first_vertex + vertex), at, start);
+                var holder = vertex;
+                if slot - records.normal_slot < 2u {
+                    holder = normal_holder(job, first_vertex, staging[records.sources_word + vertex], vertex);
+                }
+                value |= placed(restored[records.values_word + slot * records.slot_words + holder], at, start);
             }
             at += bits;
         }
@@ -89,15 +93,25 @@ fn transcode_cluster(job: TranscodeJob, cluster: u32, local: u32) {
     for (var word = local; word < strip_words; word += TRANSCODE_THREADS) {
         store_pool(job.pool_word + payload_word + word, staging[first_strip + word]);
     }
-    var field_widths: array<u32, 11>;
-    for (var field = 0u; field < DISK_FIELDS; field++) {
-        field_widths[field] = field_bits(attributes, widths, color_widths, field);
+    let slots = slots_of(attributes);
+    var slot_bits: array<u32, 11>;
+    for (var slot = 0u; slot < slots; slot++) {
+        slot_bits[slot] = field_bits(attributes, widths, color_widths, field_of(attributes, slot));
     }
     let vertex_count = vertex_count_of(counts);
     let vertex_bits = vertex_bits_of(attributes, widths, color_widths);
+    let records = Records(
+        job.restored_word + span.first_vertex,
+        disk_word(job, DISK_WORD_VERTEX_COUNT),
+        sources(job) + span.first_vertex,
+        slots,
+        select(slots, FIELD_NORMAL, (attributes & ATTRIBUTE_NORMAL) != 0u),
+        vertex_count,
+        vertex_bits,
+    );
     let vertex_words = (vertex_count * vertex_bits + 31u) / 32u;
     for (var word = local; word < vertex_words; word += TRANSCODE_THREADS) {
-        let value = vertex_word(job, span.first_vertex, vertex_count, field_widths, vertex_bits, word);
+        let value = vertex_word(job, span.first_vertex, records, slot_bits, word);
         store_pool(job.pool_word + payload_word + strip_words + word, value);
     }
 }

@@ -94,13 +94,6 @@ fn slots_of(attributes: u32) -> u32 {
         + select(0u, 4u, (attributes & ATTRIBUTE_COLOR) != 0u);
 }
 
-// Slot of a field that the page has.
-fn slot_of(attributes: u32, field: u32) -> u32 {
-    let no_normals = select(2u, 0u, field < FIELD_UV || (attributes & ATTRIBUTE_NORMAL) != 0u);
-    let no_uvs = select(2u, 0u, field < FIELD_COLOR || (attributes & ATTRIBUTE_UV) != 0u);
-    return field - no_normals - no_uvs;
-}
-
 // Field of a slot.
 fn field_of(attributes: u32, slot: u32) -> u32 {
     var field = slot;
