@@ -1,5 +1,5 @@
 # Each target installs what a fresh Debian or Ubuntu machine with Rust, a C compiler and make still lacks, or says what to install.
-.PHONY: demo test test-s3 servers report bench lint build
+.PHONY: demo test test-s3 servers kills schemathesis replicas report bench lint build
 
 CARGO ?= cargo
 
@@ -29,6 +29,19 @@ test-s3:
 # Page requests a second against nginx, which has to be installed.
 servers: build
 	@loadtests/servers.sh
+
+# kill -9 at 500 random points of ingest, publishing and gc, then disks that are too small.
+kills: build
+	@loadtests/kills.py target/release/lodestream-server target/kills
+	@loadtests/full_disk.sh target/release/lodestream-server target/kills
+
+# Requests made up from the server's OpenAPI document.
+schemathesis: build
+	@loadtests/schemathesis.sh
+
+# Three servers over one S3 library behind nginx, which has to be installed; one is killed under load.
+replicas: build
+	@loadtests/replicas.sh
 
 # Error against run time: target/report/index.html with the JSON beside it.
 report: build

@@ -100,6 +100,12 @@ pub(super) struct IngestArgs {
     /// Jobs of the plan, at most 65536.
     #[arg(long, value_name = "K", requires = "plan", value_parser = clap::value_parser!(u32).range(1..=65536), allow_negative_numbers = true)]
     pub jobs: Option<u32>,
+    /// Refuse inputs with more triangles, each mesh counted once.
+    #[arg(long, value_name = "N", conflicts_with_all = ["job", "finish"])]
+    pub max_triangles: Option<u64>,
+    /// Tell progress as lines of JSON on standard output.
+    #[arg(long)]
+    pub progress_json: bool,
     /// Build the meshes of one job of the plan, from 0; auto takes SLURM_ARRAY_TASK_ID or JOB_COMPLETION_INDEX.
     #[arg(long, value_name = "I|auto", value_parser = values::job, allow_negative_numbers = true, conflicts_with_all = ["finish", "position_step", "placement", "codec"])]
     pub job: Option<u32>,
@@ -126,6 +132,40 @@ pub(super) struct ServeArgs {
     /// Most bytes of pages and page tables kept in memory; units as in 256MiB.
     #[arg(long, value_name = "BYTES", default_value_t = DEFAULT_CACHE_BYTES as u64, value_parser = values::bytes)]
     pub cache_bytes: u64,
+    /// Most requests a second of one client (an address); more are answered with 429
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub client_requests: Option<u32>,
+    /// Most connections of one client at once; more are closed
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub client_connections: Option<u32>,
+    /// Take models (PUT /v1/scenes/NAME) from whoever has one of the tokens in this file, one a line.
+    #[arg(long, value_name = "FILE")]
+    pub upload_tokens: Option<PathBuf>,
+    /// Largest model that is taken.
+    #[arg(long, value_name = "BYTES", default_value = "4GiB", value_parser = values::bytes, requires = "upload_tokens")]
+    pub upload_bytes: u64,
+    /// Most triangles of a model.
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 200_000_000,
+        requires = "upload_tokens"
+    )]
+    pub upload_triangles: u64,
+    /// Most seconds that a model is built for.
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 3600,
+        requires = "upload_tokens"
+    )]
+    pub upload_secs: u64,
+    /// Most memory that a build takes.
+    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes, requires = "upload_tokens")]
+    pub upload_memory: u64,
+    /// Folder for models on their way; the system's folder for temporary files by default.
+    #[arg(long, value_name = "DIR", requires = "upload_tokens")]
+    pub upload_scratch: Option<PathBuf>,
     /// Speak TLS with this certificate chain (PEM); read again when it changes.
     #[arg(long, value_name = "FILE.pem", requires = "tls_key")]
     pub tls_cert: Option<PathBuf>,

@@ -8,6 +8,7 @@ use super::args::{Command, CopyArgs, ExportArgs, GcArgs, SceneArgs, VerifyArgs};
 use super::output::{self, line};
 use crate::export::{self, Detail, ExportError};
 use crate::http::tls::TlsError;
+use crate::http::tokens::TokensError;
 use crate::ingest::IngestError;
 use crate::library::{GcOptions, Library, LibraryError};
 use crate::verify;
@@ -15,6 +16,9 @@ use crate::verify;
 /// Why a command failed: one line.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum CommandError {
+    /// The file of tokens.
+    #[error(transparent)]
+    Tokens(#[from] TokensError),
     #[error(transparent)]
     Library(#[from] LibraryError),
     #[error(transparent)]

@@ -6,19 +6,26 @@ use super::args::IngestArgs;
 use super::commands::CommandError;
 use super::output::{self, line};
 use crate::build::BuildOptions;
-use crate::ingest::{self, IngestError, IngestOptions, IngestReport, JobOptions, PlanReport};
+use crate::ingest::{
+    self, IngestError, IngestOptions, IngestReport, JobOptions, PlanReport, ProgressTo,
+};
 use crate::library::Library;
 
 /// Runs what the options ask for.
 pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(), CommandError> {
+    let progress = match (args.progress_json, quiet) {
+        (true, _) => ProgressTo::Lines,
+        (false, true) => ProgressTo::Nothing,
+        (false, false) => ProgressTo::Terminal,
+    };
     let failed = |error: IngestError| CommandError::Ingest(Box::new(error));
     if args.finish {
         let library = Library::open(&args.library)?;
-        let done = ingest::finish(handle, &library, &args.scene, !quiet).map_err(failed)?;
+        let done = ingest::finish(handle, &library, &args.scene, progress).map_err(failed)?;
         return published(&args, &done, quiet);
     }
     if let Some(job) = args.job {
-        return one_job(handle, args, job, quiet);
+        return one_job(handle, args, job, progress, quiet);
     }
     if args.plan && args.library.starts_with("memory://") {
         return Err(CommandError::PlanInMemory);
@@ -36,7 +43,8 @@ pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(
         },
         scratch: args.scratch.clone(),
         rebuild: args.rebuild,
-        progress: !quiet,
+        max_triangles: args.max_triangles,
+        progress,
     };
     match args.jobs {
         Some(jobs) => {
@@ -83,7 +91,13 @@ fn published(args: &IngestArgs, done: &IngestReport, quiet: bool) -> Result<(), 
     Ok(())
 }
 
-fn one_job(handle: &Handle, args: IngestArgs, job: u32, quiet: bool) -> Result<(), CommandError> {
+fn one_job(
+    handle: &Handle,
+    args: IngestArgs,
+    job: u32,
+    progress: ProgressTo,
+    quiet: bool,
+) -> Result<(), CommandError> {
     let library = Library::open(&args.library)?;
     let options = JobOptions {
         scene: args.scene,
@@ -93,7 +107,7 @@ fn one_job(handle: &Handle, args: IngestArgs, job: u32, quiet: bool) -> Result<(
         memory_limit_bytes: args.memory_limit,
         scratch: args.scratch,
         rebuild: args.rebuild,
-        progress: !quiet,
+        progress,
     };
     let done = ingest::job(handle, &library, &options)
         .map_err(|error| CommandError::Ingest(Box::new(error)))?;

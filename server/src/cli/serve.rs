@@ -4,8 +4,11 @@ use super::args::ServeArgs;
 use super::commands::CommandError;
 use super::output;
 use crate::http::AppState;
+use crate::http::limits::ClientLimits;
 use crate::http::serve::{Server, StopSignal};
 use crate::http::tls::Tls;
+use crate::http::tokens::Tokens;
+use crate::http::uploads::UploadOptions;
 use crate::library::Library;
 
 /// Serves a library.
@@ -33,7 +36,23 @@ pub(super) fn serve(args: ServeArgs) -> Result<(), CommandError> {
             _ => (server, "http"),
         };
         output::line(format_args!("listening on {scheme}://{}", server.address()));
-        let state = AppState::new(library, args.cache_bytes as usize);
+        let limits = ClientLimits {
+            requests_per_sec: args.client_requests,
+            connections: args.client_connections,
+        };
+        let mut state = AppState::with_limits(library, args.cache_bytes as usize, limits);
+        if let Some(file) = &args.upload_tokens {
+            state = state.taking_uploads(UploadOptions {
+                tokens: Tokens::read(file)?,
+                program: std::env::current_exe().map_err(CommandError::Runtime)?,
+                library: args.library.clone(),
+                scratch: args.upload_scratch.unwrap_or_else(std::env::temp_dir),
+                max_bytes: args.upload_bytes,
+                max_triangles: args.upload_triangles,
+                max_secs: args.upload_secs,
+                memory_bytes: args.upload_memory,
+            });
+        }
         server.run(state, stop.wait()).await;
         Ok(())
     })

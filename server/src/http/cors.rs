@@ -13,10 +13,10 @@ use axum::response::{IntoResponse, Response};
 pub(super) async fn cors(request: Request, next: Next) -> Response {
     let mut response = if request.method() == Method::OPTIONS {
         let headers = [
-            (ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD, POST"),
+            (ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD, POST, PUT"),
             (
                 ACCESS_CONTROL_ALLOW_HEADERS,
-                "content-type, if-none-match, range",
+                "authorization, content-type, if-none-match, range",
             ),
             (ACCESS_CONTROL_MAX_AGE, "86400"),
         ];

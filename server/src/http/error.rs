@@ -1,6 +1,6 @@
 //! The one table from errors to statuses, and the text that a client sees: never what lies behind the server.
 
-use axum::http::header::{ALLOW, CONTENT_RANGE, CONTENT_TYPE, RETRY_AFTER};
+use axum::http::header::{ALLOW, CONTENT_RANGE, CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use lodestream_format::FormatError;
@@ -22,9 +22,27 @@ pub(super) enum HttpError {
     /// The route exists for other methods.
     #[error("this route takes other methods")]
     WrongMethod,
+    /// No token, or none that is known.
+    #[error("expected `Authorization: Bearer TOKEN` with a token that this server knows")]
+    NoToken,
+    /// The server takes no uploads.
+    #[error("this server takes no uploads")]
+    NoUploads,
+    /// An input of no kind that is known.
+    #[error("{0}")]
+    UnknownKind(FormatError),
+    /// The server has no room for what was sent.
+    #[error("no room for what was sent")]
+    Full,
     /// The body did not come in time.
     #[error("the body did not come in time")]
     Slow,
+    /// The client asks more often than it may.
+    #[error("too many requests; the next one is answered in {secs} s")]
+    TooMany {
+        /// Seconds until the next one is answered.
+        secs: u64,
+    },
     /// The request asks for more than one answer gives.
     #[error("{0}")]
     TooLarge(FormatError),
@@ -48,7 +66,12 @@ impl HttpError {
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
             Self::NotFound(_) => StatusCode::NOT_FOUND,
             Self::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
+            Self::NoToken => StatusCode::UNAUTHORIZED,
+            Self::NoUploads => StatusCode::FORBIDDEN,
+            Self::UnknownKind(_) => StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            Self::Full => StatusCode::INSUFFICIENT_STORAGE,
             Self::Slow => StatusCode::REQUEST_TIMEOUT,
+            Self::TooMany { .. } => StatusCode::TOO_MANY_REQUESTS,
             Self::TooLarge(_) => StatusCode::PAYLOAD_TOO_LARGE,
             Self::OutsideObject { .. } => StatusCode::RANGE_NOT_SATISFIABLE,
             Self::NotReady => StatusCode::SERVICE_UNAVAILABLE,
@@ -94,8 +117,17 @@ impl IntoResponse for HttpError {
             Self::OutsideObject { bytes } => {
                 headers.insert(CONTENT_RANGE, header(&format!("bytes */{bytes}")));
             }
+            Self::NoToken => {
+                headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+            }
+            Self::TooMany { secs } => {
+                headers.insert(RETRY_AFTER, HeaderValue::from(*secs));
+            }
             Self::WrongMethod => {
-                headers.insert(ALLOW, HeaderValue::from_static("GET, HEAD, POST, OPTIONS"));
+                headers.insert(
+                    ALLOW,
+                    HeaderValue::from_static("GET, HEAD, POST, PUT, OPTIONS"),
+                );
             }
             _ if status == StatusCode::SERVICE_UNAVAILABLE => {
                 headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));

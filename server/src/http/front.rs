@@ -1,9 +1,10 @@
 //! The front: pages that are in memory are answered before the router sees their requests, which is most of what a server does. All else
-//! goes through the router; `tests/http_cache.rs` holds the two answers against each other.
+//! goes through the router, unless its client asks too often; `tests/http_cache.rs` holds the two answers against each other.
 
 use std::convert::Infallible;
 use std::future::Future;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Instant;
 
@@ -11,13 +12,16 @@ use axum::Router;
 use axum::body::{Body, HttpBody};
 use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
 use axum::http::{HeaderMap, HeaderValue, Method, Request, Response};
+use axum::response::IntoResponse;
 use bytes::Bytes;
 use futures_util::future::{Either, Ready, ready};
 use hyper::body::{Frame, Incoming, SizeHint};
 use hyper::service::Service;
 use hyper_util::service::TowerToHyperService;
 
+use super::error::HttpError;
 use super::etag::IMMUTABLE;
+use super::limits::Connected;
 use super::page_cache::Slices;
 use super::pages::{OCTETS, PAGES_ROUTE, parse_pages};
 use super::{AppState, cors, router};
@@ -27,6 +31,7 @@ use super::{AppState, cors, router};
 pub(super) struct Front {
     state: AppState,
     router: TowerToHyperService<Router>,
+    client: Option<Arc<Connected>>,
 }
 
 type Answered = Result<Response<FrontBody>, Infallible>;
@@ -36,7 +41,30 @@ impl Front {
         Self {
             router: TowerToHyperService::new(router(state.clone())),
             state,
+            client: None,
         }
+    }
+
+    /// The service of one client's connection.
+    pub(super) fn of(&self, client: Connected) -> Self {
+        Self {
+            client: Some(Arc::new(client)),
+            ..self.clone()
+        }
+    }
+
+    /// That the client asks too often; whoever watches over the server may always ask whether it is well.
+    fn refused(&self, request: &Request<Incoming>) -> Option<Response<FrontBody>> {
+        let secs = self.client.as_ref()?.request().err()?;
+        if matches!(request.uri().path(), "/healthz" | "/readyz") {
+            return None;
+        }
+        let metrics = &self.state.0.metrics;
+        metrics.began();
+        metrics.finished("limited", 429, 0, 0.0);
+        let mut response = HttpError::TooMany { secs }.into_response();
+        cors::open(response.headers_mut());
+        Some(response.map(FrontBody::Routed))
     }
 
     /// The answer, where all of it is in memory and the request asks for nothing but the pages.
@@ -83,7 +111,7 @@ impl Service<Request<Incoming>> for Front {
     type Future = Either<Ready<Answered>, Pin<Box<dyn Future<Output = Answered> + Send>>>;
 
     fn call(&self, request: Request<Incoming>) -> Self::Future {
-        if let Some(response) = self.held(&request) {
+        if let Some(response) = self.refused(&request).or_else(|| self.held(&request)) {
             return Either::Left(ready(Ok(response)));
         }
         let routed = self.router.call(request);

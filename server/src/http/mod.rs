@@ -9,9 +9,11 @@ mod error;
 mod etag;
 mod front;
 mod health;
+pub mod limits;
 mod metrics;
 mod objects;
 mod open;
+mod openapi;
 mod page_cache;
 mod page_plan;
 mod pages;
@@ -21,6 +23,8 @@ pub mod serve;
 mod socket;
 mod tables;
 pub mod tls;
+pub mod tokens;
+pub mod uploads;
 mod viewers;
 
 use std::sync::Arc;
@@ -28,12 +32,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use axum::Router;
 use axum::middleware;
-use axum::routing::{get, post};
+use axum::routing::{MethodRouter, get, post};
 
 use crate::library::Library;
+use limits::{ClientLimits, Limits};
 use metrics::Metrics;
 use page_cache::PageCache;
 use tables::AssetTables;
+use uploads::{UploadOptions, Uploads};
 use viewers::Viewers;
 
 /// Default of `--cache-bytes`.
@@ -50,20 +56,37 @@ struct Shared {
     pages: PageCache,
     viewers: Viewers,
     metrics: Metrics,
+    limits: Arc<Limits>,
+    uploads: Option<Uploads>,
     draining: AtomicBool,
 }
 
 impl AppState {
     /// State over `library` with at most about `cache_bytes` in memory: a quarter of it for page tables, the rest for pages.
     pub fn new(library: Library, cache_bytes: usize) -> Self {
+        Self::with_limits(library, cache_bytes, ClientLimits::default())
+    }
+
+    /// The same, with `limits` on every client.
+    pub fn with_limits(library: Library, cache_bytes: usize, limits: ClientLimits) -> Self {
         Self(Arc::new(Shared {
             library,
             tables: AssetTables::new(cache_bytes / 4),
             pages: PageCache::new(cache_bytes - cache_bytes / 4),
             viewers: Viewers::default(),
             metrics: Metrics::default(),
+            limits: Arc::new(Limits::new(limits)),
+            uploads: None,
             draining: AtomicBool::new(false),
         }))
+    }
+
+    /// The same, taking models. Only before it is shared: clones keep what they have.
+    pub fn taking_uploads(mut self, options: UploadOptions) -> Self {
+        if let Some(shared) = Arc::get_mut(&mut self.0) {
+            shared.uploads = Some(Uploads::new(options));
+        }
+        self
     }
 
     /// From now on `/readyz` says no, so that balancers send new work elsewhere.
@@ -72,18 +95,29 @@ impl AppState {
     }
 }
 
-/// Every route.
+/// Every route under its path.
+fn routes() -> [(&'static str, MethodRouter<AppState>); 10] {
+    [
+        ("/v1/scenes", get(scenes::list)),
+        ("/v1/scenes/{scene}", get(scenes::show).put(uploads::upload)),
+        ("/v1/scenes/{scene}/open", get(open::open)),
+        ("/v1/objects/{hash}", get(objects::object)),
+        (pages::PAGES_ROUTE, get(pages::pages)),
+        ("/v1/pages", post(post_pages::post_pages)),
+        ("/v1/openapi.json", get(openapi::openapi)),
+        ("/healthz", get(health::healthz)),
+        ("/readyz", get(health::readyz)),
+        ("/metrics", get(metrics::metrics)),
+    ]
+}
+
+/// All routes, and what every answer of theirs has.
 pub fn router(state: AppState) -> Router {
-    Router::new()
-        .route("/v1/scenes", get(scenes::list))
-        .route("/v1/scenes/{scene}", get(scenes::show))
-        .route("/v1/scenes/{scene}/open", get(open::open))
-        .route("/v1/objects/{hash}", get(objects::object))
-        .route(pages::PAGES_ROUTE, get(pages::pages))
-        .route("/v1/pages", post(post_pages::post_pages))
-        .route("/healthz", get(health::healthz))
-        .route("/readyz", get(health::readyz))
-        .route("/metrics", get(metrics::metrics))
+    routes()
+        .into_iter()
+        .fold(Router::new(), |router, (path, methods)| {
+            router.route(path, methods)
+        })
         .fallback(error::no_route)
         .method_not_allowed_fallback(error::wrong_method)
         .layer(middleware::from_fn(cors::cors))

@@ -77,10 +77,10 @@ impl Server {
                 let permit = Arc::clone(&connections).acquire_owned().await;
                 (self.listener.accept().await, permit)
             };
-            let (stream, permit) = tokio::select! {
+            let (stream, peer, permit) = tokio::select! {
                 () = &mut shutdown => break,
                 accepted = accepted => match accepted {
-                    (Ok((stream, _)), permit) => (stream, permit),
+                    (Ok((stream, peer)), permit) => (stream, peer, permit),
                     (Err(error), _) => {
                         pause_after(error).await;
                         continue;
@@ -91,7 +91,11 @@ impl Server {
                 // The peer is gone already.
                 continue;
             }
-            let (builder, service) = (builder.clone(), service.clone());
+            let Some(client) = state.0.limits.connect(peer.ip()) else {
+                tracing::debug!("{peer}: closed, since it has as many connections as it may");
+                continue;
+            };
+            let (builder, service) = (builder.clone(), service.of(client));
             let (watcher, tls) = (graceful.watcher(), self.tls.clone());
             tokio::spawn(async move {
                 match tls {

@@ -42,6 +42,14 @@ pub enum IngestError {
         /// The estimate.
         need_bytes: u64,
     },
+    /// The inputs have more triangles than they may.
+    #[error("expected at most {most} triangles (--max-triangles), found {triangles}")]
+    TooManyTriangles {
+        /// The option.
+        most: u64,
+        /// What the inputs have.
+        triangles: u64,
+    },
     /// An input is not the file that was planned.
     #[error(
         "{}: expected the input as it was planned ({planned}), found {found}; ingest --plan plans anew",

@@ -12,7 +12,7 @@ use super::assets::{self, Builder, KeyedMesh};
 use super::deal::Task;
 use super::merge::Merged;
 use super::plan::{Plan, hash_input};
-use super::progress::Progress;
+use super::progress::{Progress, ProgressTo};
 use super::report::{self, Clock};
 use super::{
     IngestError, IngestReport, IngestSeconds, RENEW_AFTER_SECS, find_all, memory, outline,
@@ -38,8 +38,8 @@ pub struct JobOptions {
     pub scratch: Option<PathBuf>,
     /// Build also what the library holds already.
     pub rebuild: bool,
-    /// Show progress where standard error is a terminal.
-    pub progress: bool,
+    /// Where progress goes.
+    pub progress: ProgressTo,
 }
 
 /// What a job did.
@@ -229,10 +229,10 @@ pub fn finish(
     runtime: &Handle,
     library: &Library,
     scene: &str,
-    show_progress: bool,
+    to: ProgressTo,
 ) -> Result<IngestReport, IngestError> {
     let start = Instant::now();
-    let progress = Progress::new(show_progress);
+    let progress = Progress::new(to);
     progress.step("looking for what the jobs built");
     let (note, _) = read_plan(runtime, library, scene)?;
     let known = find_all(runtime, library, &note.builds, &progress)?;

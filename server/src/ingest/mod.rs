@@ -43,6 +43,7 @@ use records::StoredAsset;
 pub use error::IngestError;
 pub use job::{JobOptions, JobReport, finish, job};
 pub use plan::{PlanReport, PlannedJob, plan};
+pub use progress::ProgressTo;
 pub use records::BUILDER_VERSION;
 pub use report::{IngestBytes, IngestReport, IngestSeconds};
 
@@ -68,8 +69,10 @@ pub struct IngestOptions {
     pub build: BuildOptions,
     /// Build also what the library holds already.
     pub rebuild: bool,
-    /// Show progress where standard error is a terminal.
-    pub progress: bool,
+    /// Most triangles of all meshes, each counted once.
+    pub max_triangles: Option<u64>,
+    /// Where progress goes.
+    pub progress: ProgressTo,
 }
 
 /// Imports, builds, stores and publishes; gives what was done.
@@ -100,6 +103,10 @@ fn run(
     let start = Instant::now();
     let progress = Progress::new(options.progress);
     let (mut merged, meshes) = import_all(options, &progress)?;
+    let triangles: u64 = meshes.iter().map(|keyed| keyed.mesh.triangles).sum();
+    if let Some(most) = options.max_triangles.filter(|&most| triangles > most) {
+        return Err(IngestError::TooManyTriangles { most, triangles });
+    }
     let entries = outline::entries(&meshes);
     let import_secs = start.elapsed().as_secs_f64();
 

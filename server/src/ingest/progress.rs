@@ -1,33 +1,87 @@
-//! Progress of an ingest on a terminal: what is done, the rate, the time left. Nothing where there is no terminal.
+//! Progress of an ingest: on a terminal what is done, the rate, the time left, and nothing where there is none; or lines of JSON for a program.
 
 use std::fmt::Write;
-use std::time::Duration;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
+/// Where progress goes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum ProgressTo {
+    /// Nowhere.
+    #[default]
+    Nothing,
+    /// A line of standard error, where that is a terminal.
+    Terminal,
+    /// Lines of JSON on standard output: `{"stage": "…"}`, and while meshes are built also `triangles` and `of`.
+    Lines,
+}
+
+/// Least time between two lines of JSON of one stage.
+const BETWEEN_LINES: Duration = Duration::from_millis(200);
+
 /// Shared by all threads.
 #[derive(Debug)]
-pub(super) struct Progress(ProgressBar);
+pub(super) struct Progress {
+    bar: ProgressBar,
+    lines: Option<Lines>,
+}
+
+/// What the lines of JSON count.
+#[derive(Debug, Default)]
+struct Lines {
+    done: AtomicU64,
+    of: AtomicU64,
+    told: Mutex<Option<Instant>>,
+}
+
+impl Lines {
+    fn tell(line: &serde_json::Value) {
+        use std::io::Write as _;
+        // Nobody reads it any longer: the ingest goes on.
+        let _ = writeln!(std::io::stdout().lock(), "{line}");
+    }
+
+    fn triangles(&self, count: u64) {
+        let done = self.done.fetch_add(count, Ordering::Relaxed) + count;
+        let of = self.of.load(Ordering::Relaxed);
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        if done >= of || told.is_none_or(|told| told.elapsed() >= BETWEEN_LINES) {
+            *told = Some(Instant::now());
+            Self::tell(&serde_json::json!({"stage": "building", "triangles": done, "of": of}));
+        }
+    }
+}
 
 impl Progress {
-    /// Hidden unless `show`, and unless standard error is a terminal.
-    pub(super) fn new(show: bool) -> Self {
-        let bar = match show {
-            true => ProgressBar::new_spinner(),
-            false => ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden()),
-        };
-        Self(bar)
+    /// Of one run.
+    pub(super) fn new(to: ProgressTo) -> Self {
+        Self {
+            bar: match to {
+                ProgressTo::Terminal => ProgressBar::new_spinner(),
+                _ => ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden()),
+            },
+            lines: (to == ProgressTo::Lines).then(Lines::default),
+        }
     }
 
     /// A stage whose length is not known.
     pub(super) fn step(&self, what: &str) {
-        self.0.set_message(what.to_owned());
-        self.0.enable_steady_tick(Duration::from_millis(200));
+        if self.lines.is_some() {
+            Lines::tell(&serde_json::json!({ "stage": what }));
+        }
+        self.bar.set_message(what.to_owned());
+        self.bar.enable_steady_tick(Duration::from_millis(200));
     }
 
     /// The build, counted in triangles.
     pub(super) fn begin_triangles(&self, total: u64) {
         const TEMPLATE: &str = "building {wide_bar} {percent:>3} % of {triangles}, {rate}, {left}";
+        if let Some(lines) = &self.lines {
+            lines.of.store(total, Ordering::Relaxed);
+        }
         if let Ok(style) = ProgressStyle::with_template(TEMPLATE) {
             // The rate is that of the whole stage: meshes end in bursts, and a rate of the last seconds jumps with them.
             let triangles = |state: &ProgressState, out: &mut dyn Write| {
@@ -42,34 +96,37 @@ impl Progress {
                 let _ = write!(out, "{text}");
             };
             let style = style.with_key("triangles", triangles);
-            self.0
+            self.bar
                 .set_style(style.with_key("rate", rate).with_key("left", left));
         }
-        self.0.set_length(total);
-        self.0.set_position(0);
-        self.0.reset_elapsed();
-        self.0.enable_steady_tick(Duration::from_millis(200));
+        self.bar.set_length(total);
+        self.bar.set_position(0);
+        self.bar.reset_elapsed();
+        self.bar.enable_steady_tick(Duration::from_millis(200));
     }
 
     /// More of them are done.
     pub(super) fn triangles(&self, count: u64) {
-        self.0.inc(count);
+        if let Some(lines) = &self.lines {
+            lines.triangles(count);
+        }
+        self.bar.inc(count);
     }
 
     /// A warning for the log, above the line.
     pub(super) fn warn(&self, text: &str) {
-        self.0.suspend(|| tracing::warn!("{text}"));
+        self.bar.suspend(|| tracing::warn!("{text}"));
     }
 
     /// Leaves the line.
     pub(super) fn end(&self) {
-        self.0.finish_and_clear();
+        self.bar.finish_and_clear();
     }
 }
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        self.0.finish_and_clear();
+        self.bar.finish_and_clear();
     }
 }
 

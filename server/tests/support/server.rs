@@ -5,6 +5,7 @@ use std::sync::Once;
 
 use lodestream_format::wire::{Block, BlockReader};
 use lodestream_server::http::AppState;
+use lodestream_server::http::limits::ClientLimits;
 use lodestream_server::http::serve::Server;
 use lodestream_server::library::Library;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -19,10 +20,14 @@ pub struct Running {
 
 impl Running {
     pub async fn start(library: Library) -> Self {
+        Self::start_limited(library, ClientLimits::default()).await
+    }
+
+    pub async fn start_limited(library: Library, limits: ClientLimits) -> Self {
         let server = Server::bind("127.0.0.1:0").await.expect("binds");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();
-        let state = AppState::new(library, 1 << 20);
+        let state = AppState::with_limits(library, 1 << 20, limits);
         let done = tokio::spawn(server.run(state, async {
             let _ = stopped.await;
         }));
