@@ -11,7 +11,7 @@ fi
 server=$1 folder=$2
 mkdir -p "$folder/small"
 full=0 fitted=0
-for kib in $(seq 260 20 1000); do
+for kib in $(seq 60 8 420); do
   mount -t tmpfs -o "size=${kib}k" none "$folder/small"
   library=$folder/small/library
   if ! "$server" ingest "$folder/base.obj" --library "$library" --scene base -q 2>"$folder/said"; then

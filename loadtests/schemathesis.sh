@@ -18,13 +18,16 @@ if [ -z "$run" ]; then
 fi
 [ -f "$out/rock.glb" ] || "$bin/lodestream-loadtests" sample rock --out "$out/rock.glb" -q
 "$bin/lodestream-server" ingest "$out/rock.glb" --library "$out/library" --scene rock -q
-"$bin/lodestream-server" serve --library "$out/library" --listen 127.0.0.1:7985 >"$out/serve.log" 2>&1 &
+token=a-token-for-schemathesis
+echo $token >"$out/tokens"
+"$bin/lodestream-server" serve --library "$out/library" --listen 127.0.0.1:7985 --upload-tokens "$out/tokens" --upload-bytes 1MiB \
+  --upload-secs 20 >"$out/serve.log" 2>&1 &
 server=$!
 trap 'kill "$server" 2>/dev/null || true' EXIT
 for _ in $(seq 100); do
   curl -sf http://127.0.0.1:7985/readyz >/dev/null && break
   sleep 0.1
 done
-"$run" run http://127.0.0.1:7985/v1/openapi.json --max-examples "${EXAMPLES:-200}" --checks all --no-color
+"$run" --config-file loadtests/schemathesis.toml run http://127.0.0.1:7985/v1/openapi.json --max-examples "${EXAMPLES:-200}" --checks all --no-color -H "Authorization: Bearer $token"
 kill -0 "$server" || { echo "the server is gone"; tail -5 "$out/serve.log"; exit 1; }
 ! grep -i "panicked" "$out/serve.log"

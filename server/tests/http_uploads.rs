@@ -179,6 +179,11 @@ async fn who_has_no_token_or_sends_what_is_no_model_changes_nothing() {
     .map(Ok::<_, std::convert::Infallible>);
     for (path, body, status) in [
         (
+            "/v1/scenes/new?kind=obj",
+            "".into(),
+            StatusCode::BAD_REQUEST,
+        ),
+        (
             "/v1/scenes/..%2fnew",
             sheet(4).into(),
             StatusCode::BAD_REQUEST,
@@ -206,20 +211,20 @@ async fn who_has_no_token_or_sends_what_is_no_model_changes_nothing() {
     for (kind, body, words) in [
         ("glb", "no model".to_owned(), "glTF"),
         ("obj", sheet(8), "at most 100 triangles"),
-        ("stl", String::new(), "model"),
+        ("stl", "solid\n".to_owned(), "model"),
     ] {
         let path = format!("/v1/scenes/new?kind={kind}");
         let answer = server.put(&path, Some(TOKEN), body).await;
         let events = events(&answer.text().await.unwrap());
+        let (folder, all) = (
+            server.folder.path().to_str().unwrap(),
+            format!("{events:?}"),
+        );
+        assert!(!all.contains(folder), "where things lie stays here: {all}");
         let (name, data) = &events[events.len() - 1];
         assert_eq!(name, "error", "{kind}: {events:?}");
         let said = data["error"].as_str().unwrap();
         assert!(said.contains(words), "{kind}: {said}");
-        let folder = server.folder.path().to_str().unwrap();
-        assert!(
-            !said.contains(folder),
-            "where things lie stays here: {said}"
-        );
     }
     assert_eq!(scenes(&server).await, before);
     assert_eq!(server.scratch(), [Path::new(""); 0]);

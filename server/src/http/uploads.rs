@@ -168,6 +168,10 @@ async fn receive(
             .await
             .map_err(|error| no_room(&error))?;
     }
+    if bytes == 0 {
+        let error = FormatError::new("model", "at least one byte", "none");
+        return Err(HttpError::BadRequest(error));
+    }
     file.flush().await.map_err(|error| no_room(&error))
 }
 
@@ -229,7 +233,7 @@ impl Job {
         let progress = async {
             let mut lines = BufReader::new(stdout).lines();
             while let Ok(Some(line)) = lines.next_line().await {
-                self.tell("progress", &line);
+                self.tell("progress", &self.without_paths(&line));
             }
         };
         let said = async {
@@ -250,7 +254,11 @@ impl Job {
         };
         let status = status.map_err(|error| format!("ingest: {error}"))?;
         if !status.success() {
-            return Err(self.without_paths(&said, status));
+            let said = self.without_paths(said.trim().trim_start_matches("error: "));
+            return Err(match said.is_empty() {
+                true => format!("ingest ended with {status}"),
+                false => said,
+            });
         }
         tokio::fs::read_to_string(&report)
             .await
@@ -259,15 +267,10 @@ impl Job {
     }
 
     /// What the ingest said, without where things lie on this server.
-    fn without_paths(&self, said: &str, status: std::process::ExitStatus) -> String {
-        let said = said.trim().trim_start_matches("error: ");
+    fn without_paths(&self, said: &str) -> String {
         let said = said.replace(&*self.model.to_string_lossy(), "model");
         let said = said.replace(&self.options.library, "library");
-        let said = said.replace(&*self.options.scratch.to_string_lossy(), "scratch");
-        match said.is_empty() {
-            true => format!("ingest ended with {status}"),
-            false => said,
-        }
+        said.replace(&*self.options.scratch.to_string_lossy(), "scratch")
     }
 
     /// Sends an event; one that nobody waits for is left out.
