@@ -332,6 +332,46 @@ fn say(answer: &'static str) -> String {
     url
 }
 
+/// A balancer in front of `url` whose first connections break off after some bytes of the answer, as where a server was killed.
+fn breaking(url: &str, connections: usize, after_bytes: u64) -> String {
+    use std::io::Read;
+    use std::net::{Shutdown, TcpListener, TcpStream};
+    let behind = url.strip_prefix("http://").unwrap().to_owned();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        for (number, client) in listener.incoming().enumerate() {
+            let (client, server) = (client.unwrap(), TcpStream::connect(&behind).unwrap());
+            let (mut asks, mut asked) = (client.try_clone().unwrap(), server.try_clone().unwrap());
+            // Either end may go first: both copies then end with an error.
+            std::thread::spawn(move || std::io::copy(&mut asks, &mut asked));
+            std::thread::spawn(move || {
+                let most = if number < connections {
+                    after_bytes
+                } else {
+                    u64::MAX
+                };
+                let _ = std::io::copy(&mut (&server).take(most), &mut &client);
+                let _ = client.shutdown(Shutdown::Both);
+                let _ = server.shutdown(Shutdown::Both);
+            });
+        }
+    });
+    format!("http://{address}")
+}
+
+#[test]
+fn a_scene_whose_answer_breaks_off_is_asked_for_again() {
+    let scene = make_scene(4, SIZE);
+    let (place, runtime) = (library(&scene), runtime());
+    let url = serve(&runtime, &place.folder);
+    for (broken, opens) in [(0, true), (2, true), (100, false)] {
+        let source = Source::connect(&breaking(&url, broken, 4000)).unwrap();
+        let opened = runtime.block_on(source.open("made"));
+        assert_eq!(opened.is_ok(), opens, "{broken}: {:?}", opened.err());
+    }
+}
+
 #[test]
 fn a_server_without_http2_serves() {
     let answer =

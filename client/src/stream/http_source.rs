@@ -18,6 +18,8 @@ use super::opened_scene::OpenParts;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest silence of a server in the middle of an answer. A slow link may take longer for the whole.
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(30);
+/// Waits before a scene is asked for again whose answer broke off.
+const OPEN_AGAIN: [Duration; 2] = [Duration::from_millis(200), Duration::from_millis(800)];
 /// A window of this much keeps 1 Gbps at 200 ms busy.
 const CONNECTION_WINDOW_BYTES: u32 = 32 << 20;
 const STREAM_WINDOW_BYTES: u32 = 4 << 20;
@@ -155,9 +157,24 @@ impl HttpSource {
     pub(crate) async fn open(&self, scene: &str) -> Result<OpenParts, StreamError> {
         scene_path(scene).map_err(StreamError::format("open"))?;
         let url = format!("{}/v1/scenes/{scene}/open", self.base);
+        for wait in OPEN_AGAIN {
+            let response = self.get(&url).await?;
+            match Self::read_open(&url, response).await {
+                // The server went while it answered: another one may stand behind the same name.
+                Err(error @ StreamError::Http { .. }) => {
+                    tracing::info!(%error, ?wait, "asking again");
+                    tokio::time::sleep(wait).await;
+                }
+                read => return read,
+            }
+        }
         let response = self.get(&url).await?;
+        Self::read_open(&url, response).await
+    }
+
+    async fn read_open(url: &str, response: Response) -> Result<OpenParts, StreamError> {
         let mut parts = OpenParts::default();
-        parts.read_bytes = read_blocks(&url, response, |block| {
+        parts.read_bytes = read_blocks(url, response, |block| {
             let payload = Bytes::from(block.payload);
             match block.kind {
                 BlockKind::Scene => {

@@ -95,8 +95,10 @@ pub(super) async fn upload(
     let options = &uploads.options;
     options.tokens.check(request.headers())?;
     scene_path(&scene).map_err(HttpError::BadRequest)?;
-    let kind = query.ok().and_then(|Query(query)| query.kind);
-    let kind = kind.unwrap_or_else(|| KINDS[0].to_owned());
+    let Query(query) = query.map_err(|error| {
+        HttpError::BadRequest(FormatError::new("query", "kind=KIND", error.body_text()))
+    })?;
+    let kind = query.kind.unwrap_or_else(|| KINDS[0].to_owned());
     if !KINDS.contains(&kind.as_str()) {
         let expected = format!("one of {}", KINDS.join(", "));
         let error = FormatError::new("query kind", expected, format!("{kind:?}"));
