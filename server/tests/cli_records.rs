@@ -423,8 +423,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            7,
-            "9253f85dcabbd72feb7d691d5e628595eb9f206f42846ba2e40e4408309f4fff"
+            8,
+            "946e810d2245a18e7e0065041cfb3198237370fa0dfac084f08e276503806772"
         ),
     );
 }

@@ -34,6 +34,8 @@ const BODY_TIMEOUT: Duration = Duration::from_secs(30);
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// Events that wait for the connection; what is more than that is left out.
 const EVENTS_AHEAD: usize = 64;
+/// What is still read of a body that is refused: who writes it reads the answer only then.
+const LINGER_BYTES: usize = 8 * 1024 * 1024;
 /// What is kept of what a failed ingest said.
 const MOST_SAID_BYTES: u64 = 4096;
 /// Files that can come alone.
@@ -104,7 +106,12 @@ pub(super) async fn upload(
         let error = FormatError::new("query kind", expected, format!("{kind:?}"));
         return Err(HttpError::UnknownKind(error));
     }
-    check_length(request.headers(), options.max_bytes)?;
+    let fits = check_length(request.headers(), options.max_bytes);
+    let mut body = request.into_body().into_data_stream();
+    if let Err(error) = fits {
+        linger(&mut body).await;
+        return Err(error);
+    }
     let room = Arc::clone(&uploads.room).try_acquire_owned();
     let room = room.map_err(|_| HttpError::NotReady)?;
     let file = tempfile::Builder::new()
@@ -113,8 +120,10 @@ pub(super) async fn upload(
         .tempfile_in(&options.scratch)
         .map_err(|error| no_room(&error))?;
     let (file, path) = file.into_parts();
-    let body = request.into_body().into_data_stream();
-    receive(body, file.into(), options.max_bytes).await?;
+    if let Err(error) = receive(&mut body, file.into(), options.max_bytes).await {
+        linger(&mut body).await;
+        return Err(error);
+    }
     let (sender, receiver) = mpsc::channel(EVENTS_AHEAD);
     let job = Job {
         options: options.clone(),
@@ -148,8 +157,18 @@ fn no_room(error: &std::io::Error) -> HttpError {
     HttpError::Full
 }
 
+async fn linger(body: &mut BodyDataStream) {
+    let mut left = LINGER_BYTES;
+    while let Ok(Some(Ok(piece))) = tokio::time::timeout(BODY_TIMEOUT, body.next()).await {
+        match left.checked_sub(piece.len()) {
+            Some(rest) => left = rest,
+            None => return,
+        }
+    }
+}
+
 async fn receive(
-    mut body: BodyDataStream,
+    body: &mut BodyDataStream,
     mut file: tokio::fs::File,
     most: u64,
 ) -> Result<(), HttpError> {

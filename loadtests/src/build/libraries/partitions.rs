@@ -256,8 +256,11 @@ mod tests {
         let dag = ClusterDag::of_asset(&built).unwrap();
         let rows = rows("torus", &dag, 0);
         assert_eq!(rows.len(), 4);
-        let each_alone = Neighbours::new(&dag, &(0..rows[0].clusters as u32).collect::<Vec<_>>());
-        let alone = each_alone.row(&(0..rows[0].clusters as u32).collect::<Vec<_>>());
+        let source: Vec<u32> = (0..dag.clusters.len() as u32)
+            .filter(|&cluster| dag.clusters[cluster as usize].level == 0)
+            .collect();
+        let each_alone: Vec<u32> = (0..source.len() as u32).collect();
+        let alone = Neighbours::new(&dag, &source).row(&each_alone);
         for row in rows {
             assert!(row.mean > 8.0 && row.largest < 40, "{row:?}");
             // Groups of sixteen have about a quarter of the border of their clusters.
