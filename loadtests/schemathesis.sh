@@ -5,7 +5,7 @@
 #   EXAMPLES=200 (a route)
 set -eu
 cd "$(dirname "$0")/.."
-bin=${CARGO_TARGET_DIR:-target}/release
+bin=$(realpath "${CARGO_TARGET_DIR:-target}")/release
 out=$PWD/target/schemathesis
 mkdir -p "$out"
 run=$(command -v schemathesis || true)
@@ -28,6 +28,9 @@ for _ in $(seq 100); do
   curl -sf http://127.0.0.1:7985/readyz >/dev/null && break
   sleep 0.1
 done
-"$run" --config-file loadtests/schemathesis.toml run http://127.0.0.1:7985/v1/openapi.json --max-examples "${EXAMPLES:-200}" --checks all --no-color -H "Authorization: Bearer $token"
+root=$PWD
+# Where it keeps what it found.
+cd "$out"
+"$run" --config-file "$root/loadtests/schemathesis.toml" run http://127.0.0.1:7985/v1/openapi.json --max-examples "${EXAMPLES:-200}" --checks all --no-color -H "Authorization: Bearer $token"
 kill -0 "$server" || { echo "the server is gone"; tail -5 "$out/serve.log"; exit 1; }
 ! grep -i "panicked" "$out/serve.log"
