@@ -1,5 +1,5 @@
 # Each target installs what a fresh Debian or Ubuntu machine with Rust, a C compiler and make still lacks, or says what to install.
-.PHONY: demo test test-s3 servers kills schemathesis replicas report bench lint build
+.PHONY: demo test test-s3 servers kills faults abuse schemathesis replicas report bench lint build
 
 CARGO ?= cargo
 
@@ -34,6 +34,14 @@ servers: build
 kills: build
 	@loadtests/kills.py target/release/lodestream-server target/kills
 	@loadtests/full_disk.sh target/release/lodestream-server target/kills
+
+# A store that is down, slow, cut short, changed on the way or answers with errors, under each command and under viewers.
+faults: build
+	@loadtests/faults.py
+
+# Clients that mean harm: each attack on a server of its own, with a good client beside it.
+abuse: build
+	@loadtests/abuse/__main__.py
 
 # Requests made up from the server's OpenAPI document.
 schemathesis: build

@@ -72,3 +72,4 @@ for _ in $(seq 100); do
 done
 
 python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server" "$tls_server"
+python3 loadtests/servers_wire.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server"

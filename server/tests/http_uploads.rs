@@ -262,3 +262,50 @@ async fn a_server_without_tokens_takes_nothing() {
     assert_eq!(put.send().await.unwrap().status(), StatusCode::FORBIDDEN);
     server.stop().await;
 }
+
+#[tokio::test]
+async fn a_conditional_upload_replaces_what_it_names_or_nothing() {
+    let server = Serving::start(&[]);
+    let tag = client()
+        .get(format!("{}/v1/scenes/base", server.url))
+        .send()
+        .await
+        .unwrap();
+    let tag = header(&tag, "etag").to_owned();
+    let put = |scene: &'static str, field: &'static str, value: String, body: Vec<u8>| {
+        let request = client().put(format!("{}/v1/scenes/{scene}?kind=obj", server.url));
+        request
+            .bearer_auth(TOKEN)
+            .header(field, value)
+            .body(body)
+            .send()
+    };
+    let sheets = |size| sheet(size).into_bytes();
+    let taken = put("base", "if-none-match", "*".to_owned(), sheets(5))
+        .await
+        .unwrap();
+    assert_eq!(taken.status(), StatusCode::PRECONDITION_FAILED);
+    assert!(
+        taken
+            .text()
+            .await
+            .unwrap()
+            .contains("scene base: expected to replace none, found")
+    );
+    let wrong = put("base", "if-match", "\"x\"".to_owned(), sheets(5))
+        .await
+        .unwrap();
+    assert_eq!(wrong.status(), StatusCode::BAD_REQUEST);
+    let first = put("base", "if-match", tag.clone(), sheets(6))
+        .await
+        .unwrap();
+    assert_eq!(first.status(), StatusCode::OK);
+    assert!(first.text().await.unwrap().contains("event: done"));
+    // The tag is that of the scene before.
+    let late = put("base", "if-match", tag, sheets(7)).await.unwrap();
+    assert_eq!(late.status(), StatusCode::PRECONDITION_FAILED);
+    let new = put("new", "if-none-match", "*".to_owned(), sheets(5))
+        .await
+        .unwrap();
+    assert!(new.text().await.unwrap().contains("event: done"));
+}

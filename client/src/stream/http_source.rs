@@ -10,11 +10,14 @@ use lodestream_format::wire::{
     Block, BlockKind, BlockReader, PageStatus, PagesPost, SceneEntry, ScenesPage,
 };
 use lodestream_format::{ContentHash, FormatError};
+use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
 use reqwest::{Client, RequestBuilder, Response};
 
 use super::error::StreamError;
 use super::opened_scene::OpenParts;
 
+/// Variable with the token of who reads scenes that need one.
+const TOKEN: &str = "LODESTREAM_TOKEN";
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Longest silence of a server in the middle of an answer. A slow link may take longer for the whole.
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(30);
@@ -57,12 +60,14 @@ impl HttpSource {
             return Err(wrong("another scheme".to_owned()));
         }
         reqwest::Url::parse(url).map_err(|error| wrong(error.to_string()))?;
+        let token = token().map_err(|found| wrong(found.to_owned()))?;
         // Fails where a provider is installed already, which then serves.
         let _ = rustls::crypto::ring::default_provider().install_default();
         let builder = || {
             Client::builder()
                 .connect_timeout(CONNECT_TIMEOUT)
                 .read_timeout(SILENCE_TIMEOUT)
+                .default_headers(token.clone())
                 .http2_initial_connection_window_size(CONNECTION_WINDOW_BYTES)
                 .http2_initial_stream_window_size(STREAM_WINDOW_BYTES)
                 .tcp_nodelay(true)
@@ -325,6 +330,18 @@ fn retry_after_secs(response: &Response) -> Option<f64> {
 }
 
 /// The innermost reason says what happened; the outer ones repeat the URL.
+/// The field that says who asks, from [`TOKEN`].
+fn token() -> Result<HeaderMap, &'static str> {
+    let mut fields = HeaderMap::new();
+    if let Ok(token) = std::env::var(TOKEN) {
+        let value = HeaderValue::from_str(&format!("Bearer {token}"));
+        let mut value = value.map_err(|_| "LODESTREAM_TOKEN with bytes that no header takes")?;
+        value.set_sensitive(true);
+        fields.insert(AUTHORIZATION, value);
+    }
+    Ok(fields)
+}
+
 fn http_error(url: &str, error: reqwest::Error) -> StreamError {
     let mut reason: &dyn std::error::Error = &error;
     while let Some(source) = reason.source() {

@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use clap::{ArgAction, Args, Parser, Subcommand};
 use lodestream_format::frame::Codec;
 
+use super::config;
 use super::values::{self, Step};
 use crate::build::Placement;
 use crate::http::DEFAULT_CACHE_BYTES;
+use crate::library::Replaces;
 
 /// Model files become scenes in a library, and HTTP serves them.
 #[derive(Debug, Parser)]
@@ -21,6 +23,9 @@ pub(super) struct Cli {
     /// Say nothing but errors and what was asked for.
     #[arg(short, long, global = true)]
     pub quiet: bool,
+    /// Write the log as JSON, an object a line.
+    #[arg(long, global = true, env = "LODESTREAM_LOG_JSON", num_args = 0..=1, default_missing_value = "true", default_value_t = false, action = ArgAction::Set)]
+    pub log_json: bool,
 }
 
 /// What to do.
@@ -30,6 +35,7 @@ pub(super) enum Command {
     #[command(after_help = JOBS_HELP)]
     Ingest(IngestArgs),
     /// Serve a library over HTTP/1.1 and HTTP/2 on one port, in cleartext or over TLS.
+    #[command(args_override_self = true)]
     Serve(ServeArgs),
     /// List the scenes.
     List(ListArgs),
@@ -103,6 +109,9 @@ pub(super) struct IngestArgs {
     /// Refuse inputs with more triangles, each mesh counted once.
     #[arg(long, value_name = "N", conflicts_with_all = ["job", "finish"])]
     pub max_triangles: Option<u64>,
+    /// Publish only if the name still points at this scene (its hash, as show and PUT tell it), or at none; fails otherwise.
+    #[arg(long, value_name = "SCENE|none", default_value = "anything", hide_default_value = true, value_parser = values::replaces, conflicts_with_all = ["plan", "job", "finish"])]
+    pub replaces: Replaces,
     /// Tell progress as lines of JSON on standard output.
     #[arg(long)]
     pub progress_json: bool,
@@ -121,32 +130,47 @@ pub(super) struct IngestArgs {
 #[derive(Debug, Args)]
 pub(super) struct ServeArgs {
     /// Folder of the library.
-    #[arg(long, value_name = "LIB")]
+    #[arg(long, env = "LODESTREAM_LIBRARY", value_name = "LIB")]
     pub library: String,
     /// Address and port; port 0 takes any free one.
-    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7878")]
+    #[arg(
+        long,
+        env = "LODESTREAM_LISTEN",
+        value_name = "ADDR",
+        default_value = "127.0.0.1:7878"
+    )]
     pub listen: String,
     /// Threads that answer; all cores by default.
-    #[arg(long, value_name = "N", value_parser = values::threads)]
+    #[arg(long, env = "LODESTREAM_THREADS", value_name = "N", value_parser = values::threads)]
     pub threads: Option<usize>,
     /// Most bytes of pages and page tables kept in memory; units as in 256MiB.
-    #[arg(long, value_name = "BYTES", default_value_t = DEFAULT_CACHE_BYTES as u64, value_parser = values::bytes)]
+    #[arg(long, env = "LODESTREAM_CACHE_BYTES", value_name = "BYTES", default_value_t = DEFAULT_CACHE_BYTES as u64, value_parser = values::bytes)]
     pub cache_bytes: u64,
     /// Most requests a second of one client (an address); more are answered with 429
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, env = "LODESTREAM_CLIENT_REQUESTS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub client_requests: Option<u32>,
     /// Most connections of one client at once; more are closed
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, env = "LODESTREAM_CLIENT_CONNECTIONS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub client_connections: Option<u32>,
+    /// Who may read which scenes: lines of TOKEN SCENE..., where a scene may end with *. Scenes on no line are open to all.
+    #[arg(long, value_name = "FILE", env = "LODESTREAM_READ_TOKENS")]
+    pub read_tokens: Option<PathBuf>,
+    /// Log every request on standard error.
+    #[arg(long, env = "LODESTREAM_ACCESS_LOG", num_args = 0..=1, default_missing_value = "true", default_value_t = false, action = ArgAction::Set)]
+    pub access_log: bool,
+    /// Options of this command as lines of TOML (`listen = "0.0.0.0:80"`); what the command line or the environment says counts instead.
+    #[arg(long, value_name = "FILE", env = config::ENV)]
+    pub config: Option<PathBuf>,
     /// Take models (PUT /v1/scenes/NAME) from whoever has one of the tokens in this file, one a line.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, env = "LODESTREAM_UPLOAD_TOKENS", value_name = "FILE")]
     pub upload_tokens: Option<PathBuf>,
     /// Largest model that is taken.
-    #[arg(long, value_name = "BYTES", default_value = "4GiB", value_parser = values::bytes, requires = "upload_tokens")]
+    #[arg(long, env = "LODESTREAM_UPLOAD_BYTES", value_name = "BYTES", default_value = "4GiB", value_parser = values::bytes, requires = "upload_tokens")]
     pub upload_bytes: u64,
     /// Most triangles of a model.
     #[arg(
         long,
+        env = "LODESTREAM_UPLOAD_TRIANGLES",
         value_name = "N",
         default_value_t = 200_000_000,
         requires = "upload_tokens"
@@ -155,22 +179,38 @@ pub(super) struct ServeArgs {
     /// Most seconds that a model is built for.
     #[arg(
         long,
+        env = "LODESTREAM_UPLOAD_SECS",
         value_name = "SECONDS",
         default_value_t = 3600,
         requires = "upload_tokens"
     )]
     pub upload_secs: u64,
     /// Most memory that a build takes.
-    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes, requires = "upload_tokens")]
+    #[arg(long, env = "LODESTREAM_UPLOAD_MEMORY", value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes, requires = "upload_tokens")]
     pub upload_memory: u64,
     /// Folder for models on their way; the system's folder for temporary files by default.
-    #[arg(long, value_name = "DIR", requires = "upload_tokens")]
+    #[arg(
+        long,
+        env = "LODESTREAM_UPLOAD_SCRATCH",
+        value_name = "DIR",
+        requires = "upload_tokens"
+    )]
     pub upload_scratch: Option<PathBuf>,
     /// Speak TLS with this certificate chain (PEM); read again when it changes.
-    #[arg(long, value_name = "FILE.pem", requires = "tls_key")]
+    #[arg(
+        long,
+        env = "LODESTREAM_TLS_CERT",
+        value_name = "FILE.pem",
+        requires = "tls_key"
+    )]
     pub tls_cert: Option<PathBuf>,
     /// The chain's private key (PEM).
-    #[arg(long, value_name = "FILE.pem", requires = "tls_cert")]
+    #[arg(
+        long,
+        env = "LODESTREAM_TLS_KEY",
+        value_name = "FILE.pem",
+        requires = "tls_cert"
+    )]
     pub tls_key: Option<PathBuf>,
 }
 

@@ -34,6 +34,7 @@ pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(
     let options = IngestOptions {
         inputs: args.inputs.clone(),
         scene: args.scene.clone(),
+        replaces: args.replaces,
         threads: args.threads,
         memory_limit_bytes: args.memory_limit,
         build: BuildOptions {

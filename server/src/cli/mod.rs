@@ -4,6 +4,7 @@
 
 mod args;
 mod commands;
+mod config;
 mod ingest;
 mod output;
 mod serve;
@@ -15,15 +16,23 @@ use std::process::ExitCode;
 use clap::Parser;
 use clap::error::ErrorKind;
 
+use crate::http::requests::ACCESS;
 use args::{Cli, Command};
 
 /// Runs the command that the process was started with.
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let args = match config::expand(std::env::args_os().collect()) {
+        Ok(args) => args,
+        Err(error) => {
+            output::error_line(&error);
+            return ExitCode::from(2);
+        }
+    };
+    let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(error) => return usage(&error),
     };
-    start_log(cli.verbose, cli.quiet);
+    start_log(&cli);
     let quiet = cli.quiet;
     let done = match cli.command {
         Command::Serve(args) => serve::serve(args),
@@ -63,18 +72,26 @@ fn usage(error: &clap::Error) -> ExitCode {
     ExitCode::from(2)
 }
 
-fn start_log(verbose: u8, quiet: bool) {
-    let level = match (quiet, verbose) {
+fn start_log(cli: &Cli) {
+    let level = match (cli.quiet, cli.verbose) {
         (true, _) => "error",
         (_, 0) => "warn",
         (_, 1) => "info",
         (_, 2) => "debug",
         _ => "trace",
     };
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(level));
-    tracing_subscriber::fmt()
+    let access = match &cli.command {
+        Command::Serve(args) if args.access_log => "info",
+        _ => "off",
+    };
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| {
+        tracing_subscriber::EnvFilter::new(format!("{level},{ACCESS}={access}"))
+    });
+    let log = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .init();
+        .with_writer(std::io::stderr);
+    match cli.log_json {
+        true => log.json().flatten_event(true).init(),
+        false => log.init(),
+    }
 }

@@ -7,13 +7,13 @@ use crate::http::AppState;
 use crate::http::limits::ClientLimits;
 use crate::http::serve::{Server, StopSignal};
 use crate::http::tls::Tls;
-use crate::http::tokens::Tokens;
+use crate::http::tokens::{ReadTokens, Tokens};
 use crate::http::uploads::UploadOptions;
 use crate::library::Library;
 
 /// Serves a library.
 pub(super) fn serve(args: ServeArgs) -> Result<(), CommandError> {
-    let library = Library::open(&args.library)?;
+    let library = Library::open_to_serve(&args.library)?;
     let mut builder = tokio::runtime::Builder::new_multi_thread();
     if let Some(threads) = args.threads {
         builder.worker_threads(threads);
@@ -41,6 +41,9 @@ pub(super) fn serve(args: ServeArgs) -> Result<(), CommandError> {
             connections: args.client_connections,
         };
         let mut state = AppState::with_limits(library, args.cache_bytes as usize, limits);
+        if let Some(file) = &args.read_tokens {
+            state = state.read_by(ReadTokens::read(file)?);
+        }
         if let Some(file) = &args.upload_tokens {
             state = state.taking_uploads(UploadOptions {
                 tokens: Tokens::read(file)?,

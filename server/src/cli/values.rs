@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 
+use lodestream_format::FormatError;
 use lodestream_format::frame::Codec;
 use lodestream_format::library::scene_path;
 
 use crate::build::PositionStep;
+use crate::library::Replaces;
 
 /// `--position-step`.
 pub(super) type Step = PositionStep;
@@ -116,6 +118,18 @@ pub(super) fn export_file(text: &str) -> Result<PathBuf, String> {
     match lower.ends_with(".glb") || lower.ends_with(".ply") {
         true => Ok(PathBuf::from(text)),
         false => Err("expected a name that ends in .glb or .ply".to_owned()),
+    }
+}
+
+/// What a publication replaces.
+pub(super) fn replaces(text: &str) -> Result<Replaces, String> {
+    match text {
+        "anything" => Ok(Replaces::Anything),
+        "none" => Ok(Replaces::Nothing),
+        hash => hash
+            .parse()
+            .map(Replaces::Scene)
+            .map_err(|error: FormatError| error.to_string()),
     }
 }
 

@@ -5,7 +5,7 @@ use axum::http::header::{
     ACCESS_CONTROL_ALLOW_HEADERS, ACCESS_CONTROL_ALLOW_METHODS, ACCESS_CONTROL_ALLOW_ORIGIN,
     ACCESS_CONTROL_EXPOSE_HEADERS, ACCESS_CONTROL_MAX_AGE,
 };
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
@@ -29,10 +29,15 @@ pub(super) async fn cors(request: Request, next: Next) -> Response {
 }
 
 /// What opens an answer.
-pub(super) fn open(headers: &mut HeaderMap) {
-    headers.insert(ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));
-    headers.insert(
+pub(super) const OPEN: [(HeaderName, HeaderValue); 2] = [
+    (ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*")),
+    (
         ACCESS_CONTROL_EXPOSE_HEADERS,
         HeaderValue::from_static("etag, content-length, content-range"),
-    );
+    ),
+];
+
+/// Opens an answer.
+pub(super) fn open(headers: &mut HeaderMap) {
+    headers.extend(OPEN);
 }

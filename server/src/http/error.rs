@@ -5,6 +5,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use lodestream_format::FormatError;
 
+use super::error_log;
 use crate::library::LibraryError;
 
 /// Media type of every text answer.
@@ -77,6 +78,7 @@ impl HttpError {
             Self::NotReady => StatusCode::SERVICE_UNAVAILABLE,
             Self::Library(error) => match error {
                 LibraryError::Name(_) => StatusCode::BAD_REQUEST,
+                LibraryError::Changed { .. } => StatusCode::PRECONDITION_FAILED,
                 LibraryError::NoScene { .. }
                 | LibraryError::NoObject { .. }
                 | LibraryError::NoPlan { .. } => StatusCode::NOT_FOUND,
@@ -95,6 +97,12 @@ impl HttpError {
         match self {
             Self::Library(LibraryError::Name(error)) => error.to_string(),
             Self::Library(LibraryError::NoScene { name, .. }) => format!("no scene {name}"),
+            Self::Library(LibraryError::Changed {
+                name,
+                expected,
+                found,
+                ..
+            }) => format!("scene {name}: expected to replace {expected}, found {found}"),
             Self::Library(LibraryError::NoObject { path, .. }) => format!("no object at {path}"),
             Self::Library(LibraryError::Damaged { path, .. }) => {
                 format!("the library is damaged at {path}")
@@ -105,15 +113,16 @@ impl HttpError {
     }
 }
 
-impl IntoResponse for HttpError {
-    fn into_response(self) -> Response {
+impl HttpError {
+    /// Status, header fields and text of the answer; a server's error goes into the log.
+    pub(super) fn parts(&self) -> (StatusCode, HeaderMap, String) {
         let status = self.status();
         if status.is_server_error() {
-            tracing::error!("{status}: {self}");
+            error_log::error(status.canonical_reason().unwrap_or("error"), self);
         }
         let mut headers = HeaderMap::new();
         headers.insert(CONTENT_TYPE, TEXT);
-        match &self {
+        match self {
             Self::OutsideObject { bytes } => {
                 headers.insert(CONTENT_RANGE, header(&format!("bytes */{bytes}")));
             }
@@ -134,7 +143,13 @@ impl IntoResponse for HttpError {
             }
             _ => {}
         }
-        (status, headers, self.message() + "\n").into_response()
+        (status, headers, self.message() + "\n")
+    }
+}
+
+impl IntoResponse for HttpError {
+    fn into_response(self) -> Response {
+        self.parts().into_response()
     }
 }
 

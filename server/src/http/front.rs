@@ -5,13 +5,14 @@ use std::convert::Infallible;
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll};
 use std::time::Instant;
 
 use axum::Router;
 use axum::body::{Body, HttpBody};
 use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
-use axum::http::{HeaderMap, HeaderValue, Method, Request, Response};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Request, Response, Version};
 use axum::response::IntoResponse;
 use bytes::Bytes;
 use futures_util::future::{Either, Ready, ready};
@@ -19,11 +20,15 @@ use hyper::body::{Frame, Incoming, SizeHint};
 use hyper::service::Service;
 use hyper_util::service::TowerToHyperService;
 
+use super::body::is_small;
 use super::error::HttpError;
 use super::etag::IMMUTABLE;
+use super::fair::Asker;
 use super::limits::Connected;
 use super::page_cache::Slices;
-use super::pages::{OCTETS, PAGES_ROUTE, parse_pages};
+use super::pages::{self, OCTETS, PAGES_ROUTE};
+use super::priority::{self, Paced, Sending};
+use super::requests::{Access, REQUEST_ID};
 use super::{AppState, cors, router};
 
 /// The service of every connection.
@@ -32,9 +37,15 @@ pub(super) struct Front {
     state: AppState,
     router: TowerToHyperService<Router>,
     client: Option<Arc<Connected>>,
+    /// Which connection this is, of all that there were.
+    asker: Asker,
+    sending: Arc<Sending>,
 }
 
-type Answered = Result<Response<FrontBody>, Infallible>;
+type Answered = Result<Response<Paced<FrontBody>>, Infallible>;
+
+/// Connections so far.
+static CONNECTIONS: AtomicU64 = AtomicU64::new(1);
 
 impl Front {
     pub(super) fn new(state: AppState) -> Self {
@@ -42,6 +53,8 @@ impl Front {
             router: TowerToHyperService::new(router(state.clone())),
             state,
             client: None,
+            asker: Asker::Connection(0),
+            sending: Arc::default(),
         }
     }
 
@@ -49,8 +62,32 @@ impl Front {
     pub(super) fn of(&self, client: Connected) -> Self {
         Self {
             client: Some(Arc::new(client)),
+            asker: Asker::Connection(CONNECTIONS.fetch_add(1, Ordering::Relaxed)),
+            sending: Arc::default(),
             ..self.clone()
         }
+    }
+
+    pub(super) fn state(&self) -> &AppState {
+        &self.state
+    }
+
+    /// Who reads on this connection.
+    pub(super) fn asker(&self) -> Asker {
+        self.asker
+    }
+
+    /// What the access log says of a request for pages.
+    pub(super) fn access(&self, path: &str, id: &str) -> Option<Box<Access>> {
+        let client = self.client.as_ref().map(|client| client.address());
+        Access::of(client.as_ref(), &Method::GET, path, id)
+    }
+
+    /// Whether the client asks too often now; if not, this counts.
+    pub(super) fn is_limited(&self) -> bool {
+        self.client
+            .as_ref()
+            .is_some_and(|client| client.request().is_err())
     }
 
     /// That the client asks too often; whoever watches over the server may always ask whether it is well.
@@ -70,20 +107,19 @@ impl Front {
     /// The answer, where all of it is in memory and the request asks for nothing but the pages.
     fn held(&self, request: &Request<Incoming>) -> Option<Response<FrontBody>> {
         let started = Instant::now();
-        if request.method() != Method::GET || request.headers().contains_key(IF_NONE_MATCH) {
+        let asks = |field: HeaderName| request.headers().contains_key(field);
+        if request.method() != Method::GET || asks(IF_NONE_MATCH) || asks(REQUEST_ID) {
             return None;
         }
-        let path = request.uri().path().strip_prefix("/v1/assets/")?;
-        let (hash, range) = path.split_once("/pages/")?;
-        let (first, last) = parse_pages(range).ok()?;
+        let (hash, range) = pages::split(request.uri().path())?;
+        let (first, last) = pages::parse_pages(range).ok()?;
         let shared = &self.state.0;
         let asset = shared.tables.held(&hash.parse().ok()?)?;
-        let (begin, end) = (
-            asset.pages.get(first as usize)?,
-            asset.pages.get(last as usize)?,
-        );
-        let bytes = begin.offset..end.offset + end.bytes as u64;
-        let slices = shared.pages.held(&asset.pack, bytes)?;
+        let bytes = pages::bytes_of(&asset, first, last).ok()?;
+        if !is_small(bytes.end - bytes.start) {
+            return None;
+        }
+        let slices = shared.pages.held(&asset, first..=last)?;
         // Written as it is parsed: the path is the tag.
         let tag = [b"\"", hash.as_bytes(), b".", range.as_bytes(), b"\""].concat();
         let mut headers = HeaderMap::with_capacity(8);
@@ -96,6 +132,7 @@ impl Front {
         shared.metrics.began();
         let mut response = Response::new(FrontBody::Held(HeldBody {
             state: self.state.clone(),
+            access: self.access(request.uri().path(), ""),
             sent_bytes: 0,
             started,
             slices,
@@ -106,18 +143,29 @@ impl Front {
 }
 
 impl Service<Request<Incoming>> for Front {
-    type Response = Response<FrontBody>;
+    type Response = Response<Paced<FrontBody>>;
     type Error = Infallible;
     type Future = Either<Ready<Answered>, Pin<Box<dyn Future<Output = Answered> + Send>>>;
 
-    fn call(&self, request: Request<Incoming>) -> Self::Future {
+    fn call(&self, mut request: Request<Incoming>) -> Self::Future {
+        // HTTP/1.1 has one answer at a time.
+        let sending = (request.version() == Version::HTTP_2).then(|| Arc::clone(&self.sending));
+        let urgency = priority::urgency(request.headers());
+        let pace = move |body| match sending {
+            Some(sending) => sending.pace(body, urgency),
+            None => Paced::alone(body),
+        };
         if let Some(response) = self.refused(&request).or_else(|| self.held(&request)) {
-            return Either::Left(ready(Ok(response)));
+            return Either::Left(ready(Ok(response.map(pace))));
+        }
+        request.extensions_mut().insert(self.asker);
+        if let Some(client) = &self.client {
+            request.extensions_mut().insert(client.address());
         }
         let routed = self.router.call(request);
-        Either::Right(Box::pin(
-            async move { Ok(routed.await?.map(FrontBody::Routed)) },
-        ))
+        Either::Right(Box::pin(async move {
+            Ok(routed.await?.map(|body| pace(FrontBody::Routed(body))))
+        }))
     }
 }
 
@@ -132,6 +180,7 @@ pub(super) enum FrontBody {
 /// Pages from memory; counts its request when it goes.
 pub(super) struct HeldBody {
     state: AppState,
+    access: Option<Box<Access>>,
     slices: Slices,
     sent_bytes: u64,
     started: Instant,
@@ -142,6 +191,9 @@ impl Drop for HeldBody {
         let seconds = self.started.elapsed().as_secs_f64();
         let metrics = &self.state.0.metrics;
         metrics.finished(PAGES_ROUTE, 200, self.sent_bytes, seconds);
+        if let Some(access) = &self.access {
+            access.log(200, self.sent_bytes, seconds);
+        }
     }
 }
 

@@ -1,6 +1,5 @@
 //! `GET /healthz`: the process answers. `GET /readyz`: it can serve, and is not going down.
 
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -11,7 +10,7 @@ use super::AppState;
 use super::error::{HttpError, TEXT};
 
 /// Longest wait for the store.
-const STORE_TIMEOUT: Duration = Duration::from_secs(2);
+const STORE_TIMEOUT: Duration = Duration::from_secs(5);
 
 type Text = ([(HeaderName, HeaderValue); 2], &'static str);
 
@@ -27,7 +26,7 @@ pub(super) async fn healthz() -> Text {
 
 /// `GET /readyz`
 pub(super) async fn readyz(State(state): State<AppState>) -> Result<Text, HttpError> {
-    if state.0.draining.load(Ordering::Relaxed) {
+    if state.is_draining() {
         return Err(HttpError::NotReady);
     }
     match tokio::time::timeout(STORE_TIMEOUT, state.0.library.ready()).await {

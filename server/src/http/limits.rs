@@ -17,6 +17,10 @@ pub struct ClientLimits {
     pub connections: Option<u32>,
 }
 
+/// The address that a request came from, as far as limits tell addresses apart.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ClientAddress(pub IpAddr);
+
 /// The clients that are limited.
 #[derive(Debug, Default)]
 pub(super) struct Limits {
@@ -118,6 +122,11 @@ impl Limits {
 }
 
 impl Connected {
+    /// Where it comes from.
+    pub(super) fn address(&self) -> ClientAddress {
+        ClientAddress(self.address)
+    }
+
     /// [`Limits::request`] of this client.
     pub(super) fn request(&self) -> Result<(), u64> {
         self.limits.request(self.address)

@@ -1,22 +1,15 @@
-//! `GET /metrics`: counters in Prometheus' text format, and the layer that counts.
+//! `GET /metrics`: counters in Prometheus' text format.
 //!
 //! A request lasts until its body is sent or given up, so streamed answers are measured whole.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::pin::Pin;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::task::{Context, Poll};
-use std::time::Instant;
 
-use axum::body::{Body, HttpBody};
-use axum::extract::{MatchedPath, Request, State};
+use axum::extract::State;
 use axum::http::header::CONTENT_TYPE;
-use axum::middleware::Next;
-use axum::response::{IntoResponse, Response};
-use bytes::Bytes;
-use hyper::body::{Frame, SizeHint};
+use axum::response::IntoResponse;
 
 use super::AppState;
 use super::page_cache::CacheCounts;
@@ -149,9 +142,13 @@ impl Metrics {
             "Viewers whose posts are remembered.",
         )?;
         writeln!(text, "lodestream_viewers {viewers}")?;
-        let help = "Pieces of packs that were in memory, or had to be read.";
+        let help = "Pieces of packs that were in memory, had to be read, or were read before anybody asked.";
         family(text, "page_cache_reads_total", "counter", help)?;
-        for (result, count) in [("hit", cache.hits), ("miss", cache.misses)] {
+        for (result, count) in [
+            ("hit", cache.hits),
+            ("miss", cache.misses),
+            ("ahead", cache.ahead),
+        ] {
             writeln!(
                 text,
                 "lodestream_page_cache_reads_total{{result=\"{result}\"}} {count}"
@@ -175,72 +172,4 @@ pub(super) async fn metrics(State(state): State<AppState>) -> impl IntoResponse 
         [(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")],
         text,
     )
-}
-
-/// The layer.
-pub(super) async fn measure(
-    State(state): State<AppState>,
-    route: Option<MatchedPath>,
-    request: Request,
-    next: Next,
-) -> Response {
-    state.0.metrics.began();
-    let mut measure = Measure {
-        state,
-        route,
-        // Stays where the client goes before there is an answer (499 as nginx counts it).
-        status: 499,
-        bytes: 0,
-        started: Instant::now(),
-    };
-    let response = next.run(request).await;
-    measure.status = response.status().as_u16();
-    response.map(|body| Body::new(MeasuredBody { body, measure }))
-}
-
-/// Counts its request when it goes.
-struct Measure {
-    state: AppState,
-    route: Option<MatchedPath>,
-    status: u16,
-    bytes: u64,
-    started: Instant,
-}
-
-impl Drop for Measure {
-    fn drop(&mut self) {
-        let metrics = &self.state.0.metrics;
-        let route = self.route.as_ref().map_or("none", MatchedPath::as_str);
-        let seconds = self.started.elapsed().as_secs_f64();
-        metrics.finished(route, self.status, self.bytes, seconds);
-    }
-}
-
-struct MeasuredBody {
-    body: Body,
-    measure: Measure,
-}
-
-impl HttpBody for MeasuredBody {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let frame = Pin::new(&mut self.body).poll_frame(context);
-        if let Poll::Ready(Some(Ok(frame))) = &frame {
-            self.measure.bytes += frame.data_ref().map_or(0, |data| data.len() as u64);
-        }
-        frame
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
-    }
 }

@@ -6,9 +6,12 @@
 mod body;
 mod cors;
 mod error;
+mod error_log;
 mod etag;
+mod fair;
 mod front;
 mod health;
+mod http1;
 pub mod limits;
 mod metrics;
 mod objects;
@@ -18,6 +21,9 @@ mod page_cache;
 mod page_plan;
 mod pages;
 mod post_pages;
+mod priority;
+mod read_ahead;
+pub mod requests;
 mod scenes;
 pub mod serve;
 mod socket;
@@ -27,18 +33,20 @@ pub mod tokens;
 pub mod uploads;
 mod viewers;
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use axum::Router;
+use axum::http::HeaderMap;
 use axum::middleware;
 use axum::routing::{MethodRouter, get, post};
+use std::sync::Arc;
+use tokio::sync::watch;
 
 use crate::library::Library;
+use error::HttpError;
 use limits::{ClientLimits, Limits};
 use metrics::Metrics;
 use page_cache::PageCache;
 use tables::AssetTables;
+use tokens::ReadTokens;
 use uploads::{UploadOptions, Uploads};
 use viewers::Viewers;
 
@@ -58,7 +66,8 @@ struct Shared {
     metrics: Metrics,
     limits: Arc<Limits>,
     uploads: Option<Uploads>,
-    draining: AtomicBool,
+    readers: Option<ReadTokens>,
+    draining: watch::Sender<bool>,
 }
 
 impl AppState {
@@ -77,7 +86,8 @@ impl AppState {
             metrics: Metrics::default(),
             limits: Arc::new(Limits::new(limits)),
             uploads: None,
-            draining: AtomicBool::new(false),
+            readers: None,
+            draining: watch::Sender::new(false),
         }))
     }
 
@@ -89,9 +99,32 @@ impl AppState {
         self
     }
 
+    /// The same, with scenes that only holders of tokens read. Only before it is shared.
+    pub fn read_by(mut self, readers: ReadTokens) -> Self {
+        if let Some(shared) = Arc::get_mut(&mut self.0) {
+            shared.readers = Some(readers);
+        }
+        self
+    }
+
+    /// Fails unless the request may read `scene`.
+    fn may_read(&self, request: &HeaderMap, scene: &str) -> Result<(), HttpError> {
+        let readers = self.0.readers.as_ref();
+        readers.map_or(Ok(()), |readers| readers.check(request, scene))
+    }
+
     /// From now on `/readyz` says no, so that balancers send new work elsewhere.
     pub fn drain(&self) {
-        self.0.draining.store(true, Ordering::Relaxed);
+        self.0.draining.send_replace(true);
+    }
+
+    /// Whether [`AppState::drain`] was called, and when it is.
+    fn draining(&self) -> watch::Receiver<bool> {
+        self.0.draining.subscribe()
+    }
+
+    fn is_draining(&self) -> bool {
+        *self.0.draining.borrow()
     }
 }
 
@@ -123,7 +156,7 @@ pub fn router(state: AppState) -> Router {
         .layer(middleware::from_fn(cors::cors))
         .layer(middleware::from_fn_with_state(
             state.clone(),
-            metrics::measure,
+            requests::requests,
         ))
         .with_state(state)
 }

@@ -61,7 +61,8 @@ pub(super) async fn object(
     } else if status == StatusCode::OK && is_small(bytes) {
         Body::from(library.object(&hash).await?)
     } else {
-        range_body(library, &hash, range).await?
+        let is_whole = status == StatusCode::OK;
+        range_body(library, &hash, range, is_whole).await?
     };
     Ok((status, [IMMUTABLE], headers, body).into_response())
 }

@@ -14,7 +14,9 @@ use lodestream_format::wire::{self, BlockKind, PageStatus};
 
 use super::AppState;
 use super::error::HttpError;
+use super::error_log;
 use super::etag::{self, REVALIDATE};
+use super::fair::Asker;
 use crate::library::LibraryError;
 
 /// Assets read ahead of the connection.
@@ -27,8 +29,10 @@ pub(super) async fn open(
     State(state): State<AppState>,
     Path(name): Path<String>,
     method: Method,
+    asker: Asker,
     request: HeaderMap,
 ) -> Result<Response, HttpError> {
+    state.may_read(&request, &name)?;
     let library = state.0.library.clone();
     let reference = library.reference(&name).await?;
     let tag = etag::tag(reference.scene);
@@ -52,29 +56,32 @@ pub(super) async fn open(
         .collect();
     let first = block(BlockKind::Scene, reference.scene, scene_bytes);
     let assets = stream::iter(assets)
-        .map(move |asset| asset_blocks(state.clone(), asset))
+        .map(move |asset| asset_blocks(state.clone(), asset, asker))
         .buffered(ASSETS_AHEAD)
-        .map_ok(|pieces| stream::iter(pieces.into_iter().map(Ok)))
+        .map_ok(|pieces| stream::iter(pieces.into_iter().map(Ok::<_, LibraryError>)))
         .try_flatten();
     let blocks = stream::iter(first.map(Ok))
         .chain(assets)
         .chain(stream::once(async {
             Ok(Bytes::copy_from_slice(&wire::end_block()))
         }))
-        .inspect_err(|error: &LibraryError| tracing::error!("answer cut short: {error}"));
+        .inspect_err(error_log::cut_short);
     Ok(response(Body::from_stream(blocks)))
 }
 
 /// Asset, Hierarchy and RootPages of one asset.
-async fn asset_blocks(state: AppState, hash: ContentHash) -> Result<Vec<Bytes>, LibraryError> {
+async fn asset_blocks(
+    state: AppState,
+    hash: ContentHash,
+    asker: Asker,
+) -> Result<Vec<Bytes>, LibraryError> {
     let library = &state.0.library;
     let asset = state.0.tables.asset(library, &hash).await?;
-    let roots = asset.pages.get(asset.root_page_count as usize - 1);
-    let root_bytes = roots.map_or(0, |last| last.offset + last.bytes as u64);
+    let roots = 0..=asset.root_page_count - 1;
     let (asset_object, hierarchy, root_pages) = futures_util::try_join!(
         library.object(&hash),
         library.object(&asset.hierarchy),
-        state.0.pages.range(library, &asset, 0..root_bytes),
+        state.0.pages.pages(library, &asset, roots, asker),
     )?;
     let root_pages: Vec<Bytes> = root_pages.collect();
     let root_pages = Bytes::from(root_pages.concat());

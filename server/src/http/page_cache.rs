@@ -1,22 +1,27 @@
 //! Pieces of packs in memory, in front of the store: bounded by bytes, and one read for all who wait for a piece.
 //!
-//! A piece is larger than most pages, so that what lies beside a page, its siblings and what depends on it, is read with it. Answers
-//! hold slices of pieces: nothing is copied.
+//! A piece is all pages that begin in the same [`PIECE_BYTES`] of a pack: more than one, so that what lies beside a page, its siblings and
+//! what depends on it, is read with it, and whole ones, so that no byte gets in whose page does not hash to its name. Answers hold
+//! slices of pieces: nothing is copied.
 
 use std::collections::VecDeque;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use bytes::Bytes;
 use futures_util::{StreamExt, TryStreamExt, stream};
-use lodestream_format::{Asset, ContentHash};
+use lodestream_format::library::object_path;
+use lodestream_format::{Asset, ContentHash, FormatError};
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 
+use super::fair::{Asker, FairReads};
+use super::read_ahead;
 use crate::library::{Library, LibraryError};
 
-/// Bytes of a piece; the last one of a pack is shorter. A connection that reads nothing keeps at most what its page touches.
-const PIECE_BYTES: u64 = 128 * 1024;
+/// Bytes of a pack in which the pages of a piece begin; the last one ends beyond them.
+pub(super) const PIECE_BYTES: u64 = 128 * 1024;
 /// Reads of one range at a time.
 const READS_AHEAD: usize = 8;
 
@@ -32,12 +37,17 @@ impl Weighter<PieceKey, Bytes> for ByBytes {
     }
 }
 
-/// The cache; shared by all requests.
+/// The cache; shared by all requests, clones are handles.
+#[derive(Debug, Clone)]
+pub(super) struct PageCache(Arc<Inner>);
+
 #[derive(Debug)]
-pub(super) struct PageCache {
+struct Inner {
     pieces: Cache<PieceKey, Bytes, ByBytes>,
+    reads: Arc<FairReads>,
     hits: AtomicU64,
     misses: AtomicU64,
+    ahead: AtomicU64,
 }
 
 /// What it did so far.
@@ -47,6 +57,8 @@ pub(super) struct CacheCounts {
     pub hits: u64,
     /// Pieces that had to be read or waited for.
     pub misses: u64,
+    /// Pieces that were read before they were asked for.
+    pub ahead: u64,
     /// Bytes held now.
     pub bytes: u64,
 }
@@ -55,44 +67,55 @@ impl PageCache {
     /// At most `limit_bytes` of pieces.
     pub(super) fn new(limit_bytes: usize) -> Self {
         let pieces = limit_bytes.div_ceil(PIECE_BYTES as usize);
-        Self {
+        Self(Arc::new(Inner {
             pieces: Cache::with_weighter(pieces, limit_bytes as u64, ByBytes),
+            reads: Arc::default(),
             hits: AtomicU64::new(0),
             misses: AtomicU64::new(0),
-        }
+            ahead: AtomicU64::new(0),
+        }))
     }
 
-    /// Bytes `range` of a pack, if all of them are in memory.
-    pub(super) fn held(&self, pack: &ContentHash, range: Range<u64>) -> Option<Slices> {
+    /// Frames of pages `pages` of an asset, end to end, if all of them are in memory.
+    pub(super) fn held(&self, asset: &Asset, pages: RangeInclusive<u32>) -> Option<Slices> {
         let mut slices = Slices::default();
-        for number in numbers(&range) {
-            let piece = self.pieces.get(&(*pack, number))?;
-            slices.push(cut(&range, number, &piece));
+        let mut hits = 0;
+        for number in numbers(asset, &pages) {
+            let Some(all) = pages_in(asset, number) else {
+                continue;
+            };
+            let piece = self.0.pieces.get(&(asset.pack, number))?;
+            slices.push(cut(asset, &pages, all, &piece));
+            hits += 1;
         }
-        let hits = numbers(&range).count() as u64;
-        self.hits.fetch_add(hits, Ordering::Relaxed);
+        self.0.hits.fetch_add(hits, Ordering::Relaxed);
         Some(slices)
     }
 
-    /// Bytes `range` of an asset's pack.
+    /// Frames of pages `pages` of an asset, end to end, each checked against its hash; for `asker`.
     ///
     /// # Errors
-    /// Where the store fails, or the pack ends before the range.
-    pub(super) async fn range(
+    /// Where the store fails, or has other bytes.
+    pub(super) async fn pages(
         &self,
         library: &Library,
-        asset: &Asset,
-        range: Range<u64>,
+        asset: &Arc<Asset>,
+        pages: RangeInclusive<u32>,
+        asker: Asker,
     ) -> Result<Slices, LibraryError> {
-        if let Some(slices) = self.held(&asset.pack, range.clone()) {
+        if let Some(slices) = self.held(asset, pages.clone()) {
             return Ok(slices);
         }
-        let read: Result<Vec<Bytes>, LibraryError> = stream::iter(numbers(&range))
-            .map(|number| {
-                let range = &range;
+        let numbers = numbers(asset, &pages);
+        let wanted = numbers.filter_map(|number| Some((number, pages_in(asset, number)?)));
+        let read: Result<Vec<Bytes>, LibraryError> = stream::iter(wanted)
+            .map(|(number, all)| {
+                let pages = &pages;
                 async move {
-                    let piece = self.piece(library, asset, number).await?;
-                    Ok(cut(range, number, &piece))
+                    let piece = self
+                        .piece(library, asset, number, all.clone(), asker)
+                        .await?;
+                    Ok(cut(asset, pages, all, &piece))
                 }
             })
             .buffered(READS_AHEAD)
@@ -100,9 +123,9 @@ impl PageCache {
             .await;
         match read {
             Ok(slices) => Ok(slices.into_iter().collect()),
-            // A pack that ends early still has what lies before its end.
+            // A pack that is damaged elsewhere still has these.
             Err(LibraryError::Damaged { .. }) => {
-                let bytes = library.object_range(&asset.pack, range).await?;
+                let bytes = read_pages(library, asset, pages).await?;
                 Ok(std::iter::once(bytes).collect())
             }
             Err(error) => Err(error),
@@ -112,47 +135,135 @@ impl PageCache {
     async fn piece(
         &self,
         library: &Library,
-        asset: &Asset,
+        asset: &Arc<Asset>,
         number: u64,
+        pages: RangeInclusive<u32>,
+        asker: Asker,
     ) -> Result<Bytes, LibraryError> {
-        if let Some(piece) = self.pieces.get(&(asset.pack, number)) {
-            self.hits.fetch_add(1, Ordering::Relaxed);
+        if let Some(piece) = self.0.pieces.get(&(asset.pack, number)) {
+            self.0.hits.fetch_add(1, Ordering::Relaxed);
             return Ok(piece);
         }
-        self.misses.fetch_add(1, Ordering::Relaxed);
-        let pack_bytes = asset
-            .pages
-            .last()
-            .map_or(0, |page| page.offset + page.bytes as u64);
-        let first = number * PIECE_BYTES;
-        let range = first..pack_bytes.min(first + PIECE_BYTES);
-        let read = library.object_range(&asset.pack, range);
-        self.pieces
-            .get_or_insert_async(&(asset.pack, number), read)
-            .await
+        self.0.misses.fetch_add(1, Ordering::Relaxed);
+        let read = async {
+            let bytes = bytes_of(asset, &pages);
+            let _turn = self.0.reads.enter(asker, bytes.end - bytes.start).await;
+            let piece = read_pages(library, asset, pages).await?;
+            if library.is_remote() {
+                self.read_ahead(library, asset, number, asker);
+            }
+            Ok(piece)
+        };
+        let key = (asset.pack, number);
+        self.0.pieces.get_or_insert_async(&key, read).await
+    }
+
+    /// Reads what depends on a piece that was read, as far as the store is idle.
+    fn read_ahead(&self, library: &Library, asset: &Arc<Asset>, piece: u64, asker: Asker) {
+        for number in read_ahead::dependents(asset, piece) {
+            let key = (asset.pack, number);
+            let Some(pages) = pages_in(asset, number).filter(|_| !self.0.pieces.contains_key(&key))
+            else {
+                continue;
+            };
+            let bytes = bytes_of(asset, &pages);
+            let Some(turn) = self.0.reads.try_enter(asker, bytes.end - bytes.start) else {
+                return;
+            };
+            let (cache, library, asset) = (self.clone(), library.clone(), Arc::clone(asset));
+            tokio::spawn(async move {
+                cache.0.ahead.fetch_add(1, Ordering::Relaxed);
+                let read = read_pages(&library, &asset, pages);
+                // Nobody asked: who does will see the error.
+                let _ = cache.0.pieces.get_or_insert_async(&key, read).await;
+                drop(turn);
+            });
+        }
     }
 
     /// For `/metrics`.
     pub(super) fn counts(&self) -> CacheCounts {
         CacheCounts {
-            hits: self.hits.load(Ordering::Relaxed),
-            misses: self.misses.load(Ordering::Relaxed),
-            bytes: self.pieces.weight(),
+            hits: self.0.hits.load(Ordering::Relaxed),
+            misses: self.0.misses.load(Ordering::Relaxed),
+            ahead: self.0.ahead.load(Ordering::Relaxed),
+            bytes: self.0.pieces.weight(),
         }
     }
 }
 
-/// Numbers of the pieces that a range touches.
-fn numbers(range: &Range<u64>) -> Range<u64> {
-    range.start / PIECE_BYTES..range.end.div_ceil(PIECE_BYTES)
+/// Reads pages from the store and checks them; once more where they are others, for they may have been changed on the way.
+pub(super) async fn read_pages(
+    library: &Library,
+    asset: &Asset,
+    pages: RangeInclusive<u32>,
+) -> Result<Bytes, LibraryError> {
+    let bytes = bytes_of(asset, &pages);
+    let mut tries = 2;
+    loop {
+        tries -= 1;
+        let read = library.pack_range(&asset.pack, bytes.clone()).await?;
+        let wrong = pages.clone().find(|&page| {
+            let entry = &asset.pages[page as usize];
+            let begin = (entry.offset - bytes.start) as usize;
+            ContentHash::of(&read[begin..begin + entry.bytes as usize]) != entry.hash
+        });
+        match wrong {
+            None => return Ok(read),
+            Some(page) if tries == 0 => {
+                let found = format!("other bytes for page {page}");
+                let error = FormatError::new("page hash", "that of the page table", found);
+                return Err(library.damaged(object_path(&asset.pack), error));
+            }
+            Some(_) => {}
+        }
+    }
 }
 
-/// What a piece has of a range.
-fn cut(range: &Range<u64>, number: u64, piece: &Bytes) -> Bytes {
-    let first = number * PIECE_BYTES;
-    let begin = range.start.saturating_sub(first);
-    let end = (range.end - first).min(piece.len() as u64);
-    piece.slice(begin as usize..end as usize)
+/// Where pages lie in their pack.
+pub(super) fn bytes_of(asset: &Asset, pages: &RangeInclusive<u32>) -> Range<u64> {
+    let entry = |page: u32| asset.pages.get(page as usize);
+    match (entry(*pages.start()), entry(*pages.end())) {
+        (Some(first), Some(last)) => first.offset..last.offset + u64::from(last.bytes),
+        _ => 0..0,
+    }
+}
+
+/// Numbers of the pieces that have pages of a range.
+fn numbers(asset: &Asset, pages: &RangeInclusive<u32>) -> Range<u64> {
+    let number = |page: u32| {
+        asset
+            .pages
+            .get(page as usize)
+            .map(|page| page.offset / PIECE_BYTES)
+    };
+    match (number(*pages.start()), number(*pages.end())) {
+        (Some(first), Some(last)) => first..last + 1,
+        _ => 0..0,
+    }
+}
+
+/// The pages of a piece; none where a long page fills it that began before.
+fn pages_in(asset: &Asset, number: u64) -> Option<RangeInclusive<u32>> {
+    let begins = |bytes: u64| asset.pages.partition_point(|page| page.offset < bytes) as u32;
+    let (first, end) = (
+        begins(number * PIECE_BYTES),
+        begins((number + 1) * PIECE_BYTES),
+    );
+    (first < end).then(|| first..=end - 1)
+}
+
+/// What a piece, which has pages `all`, has of `pages`.
+fn cut(
+    asset: &Asset,
+    pages: &RangeInclusive<u32>,
+    all: RangeInclusive<u32>,
+    piece: &Bytes,
+) -> Bytes {
+    let begin = bytes_of(asset, &all).start;
+    let both = *pages.start().max(all.start())..=*pages.end().min(all.end());
+    let bytes = bytes_of(asset, &both);
+    piece.slice((bytes.start - begin) as usize..(bytes.end - begin) as usize)
 }
 
 /// Bytes that are there, piece after piece.

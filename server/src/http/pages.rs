@@ -2,18 +2,22 @@
 //!
 //! A plain 200 on a URL that never changes its meaning: browsers and CDNs cache it, as they do not cache 206.
 
+use std::ops::Range;
+
 use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, ETAG};
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::{IntoResponse, Response};
-use lodestream_format::FormatError;
+use lodestream_format::{Asset, FormatError};
 
 use super::AppState;
-use super::body::pack_body;
+use super::body::pages_body;
 use super::error::HttpError;
 use super::etag::{self, IMMUTABLE};
+use super::fair::Asker;
 use super::objects::parse_hash;
+use super::page_cache;
 
 /// The route, as the router and the metrics have it.
 pub(super) const PAGES_ROUTE: &str = "/v1/assets/{hash}/pages/{range}";
@@ -25,39 +29,45 @@ pub(super) async fn pages(
     State(state): State<AppState>,
     Path((hash, range)): Path<(String, String)>,
     method: Method,
+    asker: Asker,
     request: HeaderMap,
 ) -> Result<Response, HttpError> {
     let hash = parse_hash(&hash)?;
     let (first, last) = parse_pages(&range)?;
     let library = &state.0.library;
     let asset = state.0.tables.asset(library, &hash).await?;
-    let (Some(begin), Some(end)) = (
-        asset.pages.get(first as usize),
-        asset.pages.get(last as usize),
-    ) else {
-        let pages = asset.pages.len();
-        return Err(HttpError::NotFound(format!(
-            "the asset has pages 0..={}",
-            pages.saturating_sub(1)
-        )));
-    };
+    let bytes = bytes_of(&asset, first, last)?;
     let tag = etag::tag(format_args!("{hash}.{first}-{last}"));
     if etag::is_held(&request, &tag) {
         return Ok(etag::not_modified(tag, IMMUTABLE));
     }
-    let bytes = begin.offset..end.offset + end.bytes as u64;
     let mut headers = HeaderMap::new();
     headers.insert(CONTENT_TYPE, OCTETS);
     headers.insert(ETAG, tag);
     headers.insert(CONTENT_LENGTH, HeaderValue::from(bytes.end - bytes.start));
     let body = match method == Method::HEAD {
         true => Body::empty(),
-        false => pack_body(&state, &asset, bytes).await?,
+        false => pages_body(&state, &asset, first..=last, asker).await?,
     };
     if method != Method::HEAD {
         state.0.metrics.pages_sent((last - first + 1) as u64);
     }
     Ok(([IMMUTABLE], headers, body).into_response())
+}
+
+/// Hash and range in a path of [`PAGES_ROUTE`].
+pub(super) fn split(path: &str) -> Option<(&str, &str)> {
+    path.strip_prefix("/v1/assets/")?.split_once("/pages/")
+}
+
+/// Where pages `first..=last` lie in the asset's pack.
+pub(super) fn bytes_of(asset: &Asset, first: u32, last: u32) -> Result<Range<u64>, HttpError> {
+    if last as usize >= asset.pages.len() {
+        let pages = asset.pages.len().saturating_sub(1);
+        let found = format!("the asset has pages 0..={pages}");
+        return Err(HttpError::NotFound(found));
+    }
+    Ok(page_cache::bytes_of(asset, &(first..=last)))
 }
 
 /// One spelling only, so that a cache holds each range once: digits without leading zeros.

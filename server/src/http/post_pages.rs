@@ -1,8 +1,9 @@
 //! `POST /v1/pages`: many ranges of many assets at once; pages stream back, most urgent first.
 //!
-//! Memory of one answer: `ANSWERS_AHEAD` + 2 reads of about `JOIN_BYTES`, whatever was asked for. The answer ends early, with
+//! Memory of one answer: `ANSWERS_AHEAD` + `READS_AHEAD` + 2 reads of about `JOIN_BYTES`, whatever was asked for. The answer ends early, with
 //! its end block, when a later post of the same viewer comes; with nothing, when the connection goes.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::{Body, to_bytes};
@@ -10,14 +11,19 @@ use axum::extract::{Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
-use futures_util::{StreamExt, stream};
-use lodestream_format::asset::PageEntry;
+use futures_util::future::BoxFuture;
+use futures_util::stream::{self, BoxStream};
+use futures_util::{FutureExt, StreamExt};
 use lodestream_format::wire::{self, BlockKind, PageStatus, PagesPost};
-use lodestream_format::{Asset, ContentHash, FormatError};
+use lodestream_format::{Asset, FormatError};
 use tokio::sync::mpsc;
+use tracing::Instrument;
 
 use super::AppState;
 use super::error::HttpError;
+use super::error_log;
+use super::fair::Asker;
+use super::page_cache::Slices;
 use super::page_plan::{PagePlan, Run};
 use super::viewers::Turn;
 use crate::library::LibraryError;
@@ -30,6 +36,8 @@ const BODY_TIMEOUT: Duration = Duration::from_secs(30);
 const STALL_TIMEOUT: Duration = Duration::from_secs(60);
 /// Reads that wait for the connection to take them.
 const ANSWERS_AHEAD: usize = 2;
+/// Reads of one answer at once: a store far away is waited for once and not for every run. They end in the order in which they are sent.
+const READS_AHEAD: usize = 4;
 /// Pages of one run where nothing is read.
 const EMPTY_PAGE_BYTES: u64 = wire::BLOCK_HEADER_BYTES as u64;
 
@@ -40,9 +48,10 @@ pub(super) async fn post_pages(
 ) -> Result<Response, HttpError> {
     let post = read_post(request.into_body()).await?;
     let plan = PagePlan::new(&post)?;
+    let asker = Asker::Viewer(post.viewer);
     let turn = state.0.viewers.enter(post.viewer, post.sequence);
     let (sender, receiver) = mpsc::channel(ANSWERS_AHEAD);
-    tokio::spawn(answer(state, plan, turn, sender));
+    tokio::spawn(answer(state, plan, asker, turn, sender).in_current_span());
     let runs = stream::unfold(receiver, |mut receiver| async {
         let run: Vec<Bytes> = receiver.recv().await?;
         Some((stream::iter(run), receiver))
@@ -72,16 +81,21 @@ async fn read_post(body: Body) -> Result<PagesPost, HttpError> {
 /// Sends run after run, until done, superseded, or nobody listens.
 async fn answer(
     state: AppState,
-    mut plan: PagePlan,
+    plan: PagePlan,
+    asker: Asker,
     mut turn: Turn,
     sender: mpsc::Sender<Vec<Bytes>>,
 ) {
-    while let Some(asset) = plan.next_asset() {
+    let mut blocks = blocks(state, plan, asker);
+    loop {
         let block = tokio::select! {
             biased;
             () = turn.superseded() => break,
             () = sender.closed() => return,
-            block = next_blocks(&state, &mut plan, asset) => block,
+            block = blocks.next() => block,
+        };
+        let Some(block) = block else {
+            break;
         };
         tokio::select! {
             biased;
@@ -94,76 +108,99 @@ async fn answer(
     let _ = sender.send_timeout(end, STALL_TIMEOUT).await;
 }
 
-/// Reads the next run; gives its blocks end to end.
-async fn next_blocks(state: &AppState, plan: &mut PagePlan, asset_hash: ContentHash) -> Vec<Bytes> {
-    let shared = &state.0;
-    match shared.tables.asset(&shared.library, &asset_hash).await {
-        Ok(asset) => {
-            let page_bytes = |page: u32| {
-                let entry = asset.pages.get(page as usize);
-                entry.map_or(EMPTY_PAGE_BYTES, |entry| entry.bytes as u64)
-            };
-            match plan.next_run(page_bytes) {
-                Some(run) => read_run(state, &asset, run).await,
-                None => Vec::new(),
-            }
-        }
-        Err(error) => {
-            let status = status_of(&error);
-            let run = plan.next_run(|_| EMPTY_PAGE_BYTES);
-            run.map_or_else(Vec::new, |run| {
+/// The blocks of run after run.
+fn blocks(state: AppState, plan: PagePlan, asker: Asker) -> BoxStream<'static, Vec<Bytes>> {
+    let reads = stream::unfold((state, plan), move |(state, mut plan)| async move {
+        let read = next_read(state.clone(), &mut plan, asker).await?;
+        Some((read, (state, plan)))
+    });
+    reads.buffered(READS_AHEAD).boxed()
+}
+
+/// The read of the next run, which gives its blocks end to end.
+async fn next_read(
+    state: AppState,
+    plan: &mut PagePlan,
+    asker: Asker,
+) -> Option<BoxFuture<'static, Vec<Bytes>>> {
+    let asset = plan.next_asset()?;
+    let asset = state.0.tables.asset(&state.0.library, &asset).await;
+    let page_bytes = |page: u32| {
+        let pages = asset.as_ref().map_or(&[][..], |asset| &asset.pages);
+        let entry = pages.get(page as usize);
+        entry.map_or(EMPTY_PAGE_BYTES, |entry| entry.bytes as u64)
+    };
+    let run = plan.next_run(page_bytes)?;
+    let read = async move {
+        match asset {
+            Ok(asset) => read_run(&state, &asset, run, asker).await,
+            Err(error) => {
+                let status = status_of(&error);
                 let header = |page| wire::block_header(BlockKind::Page, status, page, run.asset, 0);
                 let headers: Vec<u8> = (run.first..=run.last).flat_map(header).collect();
                 vec![Bytes::from(headers)]
-            })
+            }
         }
-    }
+    };
+    Some(read.boxed())
 }
 
 /// The blocks of a run: headers, and slices of what the cache has.
-async fn read_run(state: &AppState, asset: &Asset, run: Run) -> Vec<Bytes> {
+async fn read_run(state: &AppState, asset: &Arc<Asset>, run: Run, asker: Asker) -> Vec<Bytes> {
     let shared = &state.0;
-    let entries = asset.pages.get(run.first as usize..).unwrap_or(&[]);
-    let entries = &entries[..entries.len().min((run.last - run.first) as usize + 1)];
-    let bytes_of = |page: &PageEntry| page.offset..page.offset + page.bytes as u64;
-    let whole = match entries {
-        [first, .., last] => bytes_of(first).start..bytes_of(last).end,
-        [one] => bytes_of(one),
-        [] => 0..0,
-    };
-    let mut read = shared.pages.range(&shared.library, asset, whole).await;
+    let count = asset.pages.len() as u64;
+    let there = u64::from(run.first)..=u64::from(run.last).min(count.saturating_sub(1));
+    let mut read = Ok(Slices::default());
+    if u64::from(run.first) < count {
+        let pages = run.first..=*there.end() as u32;
+        read = shared
+            .pages
+            .pages(&shared.library, asset, pages, asker)
+            .await;
+    }
     let mut blocks = Vec::with_capacity(3 * (run.last - run.first) as usize + 3);
     let mut sent = 0;
+    let mut failed = 0;
     for page in run.first..=run.last {
         let header = |status, bytes: u64| {
             let header = wire::block_header(BlockKind::Page, status, page, run.asset, bytes);
             Bytes::copy_from_slice(&header)
         };
-        let Some(entry) = entries.get((page - run.first) as usize) else {
+        let Some(entry) = asset.pages.get(page as usize) else {
             blocks.push(header(PageStatus::NotFound, 0));
             continue;
         };
         let slices = match &mut read {
-            Ok(read) => Ok(read.take_bytes(entry.bytes as usize)),
+            Ok(read) => Some(read.take_bytes(entry.bytes as usize)),
             // One bad page never stops the rest.
-            Err(_) => {
-                let range = bytes_of(entry);
-                let slices = shared.pages.range(&shared.library, asset, range).await;
-                slices.map(Iterator::collect)
+            Err(LibraryError::Damaged { .. }) => {
+                let pages = shared
+                    .pages
+                    .pages(&shared.library, asset, page..=page, asker);
+                pages.await.ok().map(Iterator::collect)
             }
+            // A store that fails is not asked again for every page of the run.
+            Err(_) => shared.pages.held(asset, page..=page).map(Iterator::collect),
         };
         match slices {
-            Ok(slices) => {
+            Some(slices) => {
                 blocks.push(header(PageStatus::Ok, entry.bytes as u64));
                 blocks.extend(slices);
                 sent += 1;
             }
             // The asset is there, so a missing pack is a failed store and not a page that never was.
-            Err(error) => {
-                tracing::error!("page {page} of {}: {error}", run.asset);
+            None => {
                 blocks.push(header(PageStatus::Failed, 0));
+                failed += 1;
             }
         }
+    }
+    if let Err(error) = read {
+        let text = format!(
+            "{failed} of pages {}..={} of {}: {error}",
+            run.first, run.last, run.asset
+        );
+        error_log::error("post", &text);
     }
     shared.metrics.pages_sent(sent);
     blocks
@@ -173,6 +210,6 @@ fn status_of(error: &LibraryError) -> PageStatus {
     if error.is_missing() {
         return PageStatus::NotFound;
     }
-    tracing::error!("{error}");
+    error_log::error("post", error);
     PageStatus::Failed
 }

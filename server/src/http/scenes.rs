@@ -28,6 +28,7 @@ pub(super) struct ListQuery {
 pub(super) async fn list(
     State(state): State<AppState>,
     query: Result<Query<ListQuery>, QueryRejection>,
+    request: HeaderMap,
 ) -> Result<Response, HttpError> {
     let Query(query) = query.map_err(|error| {
         HttpError::BadRequest(FormatError::new(
@@ -44,7 +45,9 @@ pub(super) async fn list(
     let page = state
         .0
         .library
-        .scenes(query.after.as_deref(), limit)
+        .visible_scenes(query.after.as_deref(), limit, |scene| {
+            state.may_read(&request, scene).is_ok()
+        })
         .await?;
     Ok(([REVALIDATE], Json(page)).into_response())
 }
@@ -55,6 +58,7 @@ pub(super) async fn show(
     Path(name): Path<String>,
     request: HeaderMap,
 ) -> Result<Response, HttpError> {
+    state.may_read(&request, &name)?;
     let reference = state.0.library.reference(&name).await?;
     let tag = etag::tag(format!("{}.{}", reference.scene, reference.published_secs));
     if etag::is_held(&request, &tag) {

@@ -13,16 +13,22 @@ use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 
 use super::AppState;
 use super::front::Front;
-use super::socket::Socket;
+use super::http1;
+use super::socket::{PREFACE_BYTES, Socket};
 use super::tls::Tls;
 
 /// Longest wait for a request's head, also between two requests of one connection.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
+/// Longest time that a client takes nothing of its answer.
+const STALL_TIMEOUT: Duration = Duration::from_secs(60);
+/// What a socket takes beyond what is on its way.
+#[cfg(target_os = "linux")]
+const UNSENT_BYTES: u32 = 128 * 1024;
 /// Time between two pings of a silent HTTP/2 connection, and for their answer.
 const PING: Duration = Duration::from_secs(20);
 /// Longest wait for requests in flight after a signal.
@@ -87,7 +93,7 @@ impl Server {
                     }
                 },
             };
-            if stream.set_nodelay(true).is_err() {
+            if prepare(&stream).is_err() {
                 // The peer is gone already.
                 continue;
             }
@@ -138,7 +144,7 @@ fn builder() -> Builder<TokioExecutor> {
     builder
 }
 
-/// Serves one connection until it ends.
+/// Serves one connection until it ends: pages by [`http1`], all else by hyper.
 async fn connection<S>(
     stream: S,
     builder: &Builder<TokioExecutor>,
@@ -147,11 +153,29 @@ async fn connection<S>(
 ) where
     S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
-    let io = TokioIo::new(Socket::new(stream, HEAD_TIMEOUT));
-    let connection = builder.serve_connection(io, service).into_owned();
-    if let Err(error) = watcher.watch(connection).await {
+    let mut socket = Socket::new(stream, STALL_TIMEOUT);
+    let done = match http1::serve(&mut socket, &service, HEAD_TIMEOUT).await {
+        Ok(None) => Ok(()),
+        Ok(Some(read)) => {
+            socket.unread(read);
+            socket.read_within(HEAD_TIMEOUT, PREFACE_BYTES);
+            let connection = builder.serve_connection(TokioIo::new(socket), service);
+            // Boxed: most connections never get here, and this is most of their size.
+            Box::pin(watcher.watch(connection.into_owned())).await
+        }
+        Err(error) => Err(error.into()),
+    };
+    if let Err(error) = done {
         tracing::debug!("connection: {error}");
     }
+}
+
+/// Sends at once, and lets what is written last go out soon: the system takes no more than it is about to send.
+fn prepare(stream: &TcpStream) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    #[cfg(target_os = "linux")]
+    socket2::SockRef::from(stream).set_tcp_notsent_lowat(UNSENT_BYTES)?;
+    Ok(())
 }
 
 /// A connection that went before it was accepted is nothing; anything else (no descriptors left) passes with time.

@@ -1,34 +1,102 @@
-//! A connection that must say something soon.
+//! A connection on which something must move: whoever keeps silent for too long where a request is due, or takes nothing of an answer, is
+//! given up.
 //!
-//! hyper's own header timeout starts only once it knows the protocol, so a connection that stays silent, or stops inside the
-//! first bytes, would be kept for ever.
+//! hyper's own header timeout starts only once it knows the protocol, so a connection that stays silent, or stops inside the first bytes,
+//! would be kept for ever; for writing it has none.
 
+use std::future::Future;
 use std::io;
 use std::pin::Pin;
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
+use bytes::{Buf, Bytes};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::time::Sleep;
+use tokio::time::{Instant, Sleep};
 
 /// Bytes that tell the protocol: the length of HTTP/2's preface.
-const PREFACE_BYTES: usize = 24;
+pub(super) const PREFACE_BYTES: usize = 24;
 
-/// A stream whose first [`PREFACE_BYTES`] must come before a deadline.
+/// A stream with deadlines.
 #[derive(Debug)]
 pub(super) struct Socket<S> {
     stream: S,
-    deadline: Option<Pin<Box<Sleep>>>,
-    read_bytes: usize,
+    /// Bytes that were read and given back.
+    unread: Bytes,
+    /// When so many more bytes must have been read.
+    reading: Option<(usize, Instant)>,
+    writing: Option<Instant>,
+    stall: Duration,
+    /// Set to one of the deadlines only where nothing can be read or written, so that it costs nothing while bytes move.
+    timer: Pin<Box<Sleep>>,
 }
 
 impl<S> Socket<S> {
-    pub(super) fn new(stream: S, first_bytes: Duration) -> Self {
+    /// An answer of which nothing is taken for `stall` ends the connection.
+    pub(super) fn new(stream: S, stall: Duration) -> Self {
         Self {
             stream,
-            deadline: Some(Box::pin(tokio::time::sleep(first_bytes))),
-            read_bytes: 0,
+            unread: Bytes::new(),
+            reading: None,
+            writing: None,
+            stall,
+            timer: Box::pin(tokio::time::sleep(stall)),
         }
+    }
+
+    /// Gives bytes back, to be read again.
+    pub(super) fn unread(&mut self, bytes: Bytes) {
+        self.unread = bytes;
+    }
+
+    /// So many `bytes` more, given back ones too, have to come within this time.
+    pub(super) fn read_within(&mut self, time: Duration, bytes: usize) {
+        self.reading = Some((bytes, Instant::now() + time));
+    }
+
+    fn has_read(&mut self, bytes: usize) {
+        self.reading = self
+            .reading
+            .and_then(|(due, until)| Some((due.checked_sub(bytes).filter(|&due| due > 0)?, until)));
+    }
+
+    /// Ready where `until` has passed.
+    fn passed(
+        &mut self,
+        until: Option<Instant>,
+        what: &str,
+        context: &mut Context<'_>,
+    ) -> Poll<io::Error> {
+        let Some(until) = until else {
+            return Poll::Pending;
+        };
+        loop {
+            if self.timer.deadline() > until {
+                self.timer.as_mut().reset(until);
+            }
+            ready!(self.timer.as_mut().poll(context));
+            if until <= Instant::now() {
+                return Poll::Ready(io::Error::new(io::ErrorKind::TimedOut, what));
+            }
+            // It was set for an earlier one.
+            self.timer.as_mut().reset(until);
+        }
+    }
+
+    /// Keeps the time that a write may take.
+    fn written(
+        &mut self,
+        written: Poll<io::Result<usize>>,
+        context: &mut Context<'_>,
+    ) -> Poll<io::Result<usize>> {
+        if written.is_ready() {
+            self.writing = None;
+            return written;
+        }
+        let until = self.writing.unwrap_or_else(|| Instant::now() + self.stall);
+        self.writing = Some(until);
+        self.passed(Some(until), "nothing of the answer was taken", context)
+            .map(Err)
     }
 }
 
@@ -38,23 +106,20 @@ impl<S: AsyncRead + Unpin> AsyncRead for Socket<S> {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
+        if !self.unread.is_empty() {
+            let bytes = self.unread.len().min(buffer.remaining());
+            buffer.put_slice(&self.unread[..bytes]);
+            self.unread.advance(bytes);
+            self.has_read(bytes);
+            return Poll::Ready(Ok(()));
+        }
         let before = buffer.filled().len();
         if let Poll::Ready(read) = Pin::new(&mut self.stream).poll_read(context, buffer) {
-            if self.deadline.is_some() {
-                self.read_bytes += buffer.filled().len() - before;
-                if self.read_bytes >= PREFACE_BYTES {
-                    self.deadline = None;
-                }
-            }
+            self.has_read(buffer.filled().len() - before);
             return Poll::Ready(read);
         }
-        match &mut self.deadline {
-            Some(deadline) => deadline
-                .as_mut()
-                .poll(context)
-                .map(|()| Err(io::Error::new(io::ErrorKind::TimedOut, "no request came"))),
-            None => Poll::Pending,
-        }
+        let until = self.reading.map(|(_, until)| until);
+        self.passed(until, "no request came", context).map(Err)
     }
 }
 
@@ -64,7 +129,8 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Socket<S> {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.stream).poll_write(context, bytes)
+        let written = Pin::new(&mut self.stream).poll_write(context, bytes);
+        self.written(written, context)
     }
 
     fn poll_write_vectored(
@@ -72,7 +138,8 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Socket<S> {
         context: &mut Context<'_>,
         pieces: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.stream).poll_write_vectored(context, pieces)
+        let written = Pin::new(&mut self.stream).poll_write_vectored(context, pieces);
+        self.written(written, context)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -80,29 +147,32 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Socket<S> {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_flush(context)
+        let flushed = Pin::new(&mut self.stream).poll_flush(context);
+        self.written(flushed.map_ok(|()| 0), context).map_ok(|_| ())
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_shutdown(context)
+        let ended = Pin::new(&mut self.stream).poll_shutdown(context);
+        self.written(ended.map_ok(|()| 0), context).map_ok(|_| ())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tokio::io::{AsyncReadExt, AsyncWriteExt};
-    use tokio::net::{TcpListener, TcpStream};
+    use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
-    #[tokio::test]
+    const SHORT: Duration = Duration::from_millis(100);
+
+    #[tokio::test(start_paused = true)]
     async fn a_silent_connection_ends_and_one_that_spoke_stays() {
-        let listener = TcpListener::bind("127.0.0.1:0").await.expect("binds");
-        let address = listener.local_addr().expect("an address");
         for (says, ends) in [(0, true), (PREFACE_BYTES - 1, true), (PREFACE_BYTES, false)] {
-            let mut client = TcpStream::connect(address).await.expect("connects");
-            let (stream, _) = listener.accept().await.expect("accepts");
-            let mut socket = Socket::new(stream, Duration::from_millis(100));
-            client.write_all(&vec![b'x'; says]).await.expect("writes");
+            let (mut client, stream) = duplex(1024);
+            let mut socket = Socket::new(stream, SHORT);
+            socket.read_within(SHORT, PREFACE_BYTES);
+            socket.unread(Bytes::from_static(b"xy").slice(..says.min(2)));
+            let more = vec![b'x'; says.saturating_sub(2)];
+            client.write_all(&more).await.expect("writes");
             let mut bytes = [0; 2 * PREFACE_BYTES];
             let read = async {
                 loop {
@@ -113,10 +183,28 @@ mod tests {
                     }
                 }
             };
-            let read = tokio::time::timeout(Duration::from_millis(400), read).await;
+            let read = tokio::time::timeout(4 * SHORT, read).await;
             let expected = ends.then_some(io::ErrorKind::TimedOut);
             assert_eq!(read.ok(), expected, "after {says} bytes");
-            drop(client);
         }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_answer_that_nobody_takes_ends_the_connection() {
+        let (mut client, stream) = duplex(16);
+        let mut socket = Socket::new(stream, SHORT);
+        let began = Instant::now();
+        let answer = [7; 64];
+        // A slow client: 8 bytes at a time, each within the time.
+        let slow = async {
+            for _ in 0..4 {
+                tokio::time::sleep(SHORT * 3 / 4).await;
+                client.read_exact(&mut [0; 8]).await.expect("reads");
+            }
+        };
+        let (written, ()) = tokio::join!(socket.write_all(&answer), slow);
+        let kind = written.expect_err("the client stopped").kind();
+        assert_eq!(kind, io::ErrorKind::TimedOut);
+        assert_eq!(began.elapsed(), SHORT * 4);
     }
 }

@@ -12,8 +12,8 @@ use std::time::Duration;
 use axum::body::{Body, BodyDataStream};
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, Request, State};
-use axum::http::HeaderMap;
-use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE};
+use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, IF_MATCH, IF_NONE_MATCH};
+use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures_util::{StreamExt, stream};
@@ -25,6 +25,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use super::AppState;
 use super::error::HttpError;
 use super::tokens::Tokens;
+use crate::library::Replaces;
 
 /// Models that are received, wait or are built at once; who comes then is told to come back.
 const MOST_AT_ONCE: usize = 8;
@@ -106,7 +107,11 @@ pub(super) async fn upload(
         let error = FormatError::new("query kind", expected, format!("{kind:?}"));
         return Err(HttpError::UnknownKind(error));
     }
-    let fits = check_length(request.headers(), options.max_bytes);
+    let replaces = replaces(request.headers())?;
+    let fits = match state.0.library.check_replaced(&scene, replaces).await {
+        Ok(()) => check_length(request.headers(), options.max_bytes),
+        Err(error) => Err(error.into()),
+    };
     let mut body = request.into_body().into_data_stream();
     if let Err(error) = fits {
         linger(&mut body).await;
@@ -128,6 +133,7 @@ pub(super) async fn upload(
     let job = Job {
         options: options.clone(),
         scene,
+        replaces,
         model: path,
         events: sender,
     };
@@ -137,6 +143,28 @@ pub(super) async fn upload(
         (CACHE_CONTROL, "no-store"),
     ];
     Ok((headers, Body::from_stream(told(receiver))).into_response())
+}
+
+/// What a conditional upload replaces: `If-None-Match: *` nothing, `If-Match` the scene that a tag of this server names.
+fn replaces(headers: &HeaderMap) -> Result<Replaces, HttpError> {
+    let wrong = |expected: &str, found: &HeaderValue| {
+        let found = format!("{found:?}");
+        HttpError::BadRequest(FormatError::new("condition", expected, found))
+    };
+    if let Some(tag) = headers.get(IF_MATCH) {
+        let scene = tag.to_str().ok().and_then(|tag| {
+            // Tags of the reference have its time behind the scene.
+            let tag = tag.trim().trim_start_matches("W/").trim_matches('"');
+            tag.split('.').next()?.parse().ok()
+        });
+        let wrong = || wrong("If-Match: one tag, as GET gives it", tag);
+        return scene.map(Replaces::Scene).ok_or_else(wrong);
+    }
+    match headers.get(IF_NONE_MATCH) {
+        None => Ok(Replaces::Anything),
+        Some(any) if any == "*" => Ok(Replaces::Nothing),
+        Some(tag) => Err(wrong("If-None-Match: *", tag)),
+    }
 }
 
 fn check_length(headers: &HeaderMap, most: u64) -> Result<(), HttpError> {
@@ -200,6 +228,7 @@ async fn receive(
 struct Job {
     options: UploadOptions,
     scene: String,
+    replaces: Replaces,
     model: TempPath,
     events: mpsc::Sender<Bytes>,
 }
@@ -237,6 +266,7 @@ impl Job {
             .args(["--library", &options.library, "--scene", &self.scene])
             .args(["--memory-limit", &options.memory_bytes.to_string()])
             .args(["--max-triangles", &options.max_triangles.to_string()])
+            .args(self.replaces_option())
             .arg("--scratch")
             .arg(&options.scratch)
             .arg("--report")
@@ -285,6 +315,15 @@ impl Job {
             .await
             .map_err(|error| format!("report: {error}"))
             .map(|text| text.lines().map(str::trim).collect::<Vec<_>>().join(""))
+    }
+
+    fn replaces_option(&self) -> Vec<String> {
+        let scene = match self.replaces {
+            Replaces::Anything => return Vec::new(),
+            Replaces::Nothing => "none".to_owned(),
+            Replaces::Scene(scene) => scene.to_string(),
+        };
+        vec!["--replaces".to_owned(), scene]
     }
 
     /// What the ingest said, without where things lie on this server.

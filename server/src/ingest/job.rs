@@ -19,7 +19,7 @@ use super::{
 };
 use crate::build::BuildOptions;
 use crate::import::{self, OpenOptions};
-use crate::library::{Library, PlanNote};
+use crate::library::{Library, PlanNote, Replaces};
 
 /// What the caller of a job chooses; all else is in the plan.
 #[derive(Debug, Clone, Default)]
@@ -253,7 +253,7 @@ pub fn finish(
         return Err(fault(library, scene, expected, "another".to_owned()));
     };
     let scene_object = outline::fill(outline, &stored);
-    super::publish(runtime, library, scene, &scene_object)?;
+    super::publish(runtime, library, scene, Replaces::Anything, &scene_object)?;
     progress.end();
     let total = start.elapsed().as_secs_f64();
     let clock = Clock {

@@ -34,7 +34,7 @@ use tokio::runtime::Handle;
 
 use crate::build::BuildOptions;
 use crate::import::{self, OpenOptions};
-use crate::library::{Library, LibraryError};
+use crate::library::{Library, LibraryError, Replaces};
 use assets::{Builder, KeyedMesh};
 use merge::Merged;
 use progress::Progress;
@@ -59,6 +59,8 @@ pub struct IngestOptions {
     pub inputs: Vec<PathBuf>,
     /// Name to publish under.
     pub scene: String,
+    /// What the name must point at, when the work begins and when it is published.
+    pub replaces: Replaces,
     /// Threads of the build; all cores where it is `None`.
     pub threads: Option<usize>,
     /// Stay below: read large meshes piece by piece and build them through the disk, refuse what still would not fit.
@@ -101,6 +103,7 @@ fn run(
     options: &IngestOptions,
 ) -> Result<IngestReport, IngestError> {
     let start = Instant::now();
+    runtime.block_on(library.check_replaced(&options.scene, options.replaces))?;
     let progress = Progress::new(options.progress);
     let (mut merged, meshes) = import_all(options, &progress)?;
     let triangles: u64 = meshes.iter().map(|keyed| keyed.mesh.triangles).sum();
@@ -142,7 +145,7 @@ fn run(
     // Each key was found or built.
     let stored: Vec<_> = keys.iter().map(|key| Arc::clone(&known[key])).collect();
     let scene = outline::fill(outline, &stored);
-    publish(runtime, library, &options.scene, &scene)?;
+    publish(runtime, library, &options.scene, options.replaces, &scene)?;
     let clock = report::Clock {
         total: start.elapsed().as_secs_f64(),
         import: import_secs,
@@ -249,12 +252,13 @@ fn publish(
     runtime: &Handle,
     library: &Library,
     name: &str,
+    replaces: Replaces,
     scene: &Scene,
 ) -> Result<(), IngestError> {
     let bytes = Bytes::from(scene.encode()?);
     let published = runtime.block_on(async {
         let (hash, _) = library.put_object(bytes, RENEW_AFTER_SECS).await?;
-        library.publish(name, hash).await
+        library.publish_replacing(name, hash, replaces).await
     })?;
     tracing::info!("scene {name} is now {}", published.scene);
     Ok(())

@@ -63,12 +63,39 @@ impl Library {
             report.copied += sent.iter().flatten().count() as u64;
             report.copied_bytes += sent.iter().flatten().sum::<u64>();
             if !self.points_at(&name, scene).await? {
-                self.publish(&name, scene).await?;
+                self.publish_copied(source, &name, scene).await?;
                 report.published += 1;
             }
             held.merge(reach);
         }
         Ok(report)
+    }
+
+    /// Publishes; an object of the right length and other bytes, which is found only now, is sent anew.
+    async fn publish_copied(
+        &self,
+        source: &Library,
+        name: &str,
+        scene: ContentHash,
+    ) -> Result<(), LibraryError> {
+        let mut mended = BTreeSet::new();
+        loop {
+            let damaged = match self.publish(name, scene).await {
+                Err(LibraryError::Damaged { path, error, .. }) => (path, error),
+                other => return other.map(|_| ()),
+            };
+            let object = damaged
+                .0
+                .rsplit('/')
+                .next()
+                .and_then(|hash| hash.parse().ok());
+            let object: ContentHash = match object.filter(|hash| mended.insert(*hash)) {
+                Some(object) => object,
+                None => return Err(self.damaged(damaged.0, damaged.1)),
+            };
+            let bytes = source.object(&object).await?;
+            self.write(&object_path(&object), bytes).await?;
+        }
     }
 
     async fn all_scene_names(&self) -> Result<BTreeSet<String>, LibraryError> {

@@ -26,6 +26,18 @@ pub enum LibraryError {
         /// The scene.
         name: String,
     },
+    /// A name points at something else than what was to be replaced.
+    #[error("library {location}: scene {name}: expected to replace {expected}, found {found}")]
+    Changed {
+        /// The library.
+        location: String,
+        /// The scene's name.
+        name: String,
+        /// The scene that was to be replaced, or `none`.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
     /// No object of this name.
     #[error("library {location}: {path}: expected an object, found none")]
     NoObject {

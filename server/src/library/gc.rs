@@ -214,8 +214,7 @@ impl Library {
         for name in self.scene_names(None, usize::MAX).await? {
             match self.reference(&name).await {
                 Ok(reference) => live.merge(self.reach(&reference.scene).await?),
-                // Removed since it was listed.
-                Err(LibraryError::NoScene { .. }) => {}
+                Err(LibraryError::NoScene { .. }) => self.check_removed(&name).await?,
                 Err(error) => return Err(error),
             }
         }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use object_store::aws::{AmazonS3Builder, S3ConditionalPut};
+use object_store::aws::{AmazonS3Builder, Checksum, S3ConditionalPut};
 use object_store::local::LocalFileSystem;
 use object_store::memory::InMemory;
 use object_store::prefix::PrefixStore;
@@ -15,14 +15,28 @@ use super::{Library, LibraryError};
 /// A library for the time of one process, for trials and measurements.
 const MEMORY: &str = "memory://";
 /// A bucket of a store that speaks S3.
-const S3: &str = "s3://";
+pub(super) const S3: &str = "s3://";
+/// Variable of another checksum, or none, for stores that take no SHA-256.
+const CHECKSUM: &str = "AWS_CHECKSUM_ALGORITHM";
 /// Longest time for one request to a network store, and for reaching it.
 const STORE_TIMEOUT: Duration = Duration::from_secs(30);
 const STORE_CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
-/// Longest time that a failed request is tried again; viewers wait meanwhile.
-const STORE_RETRY_TIMEOUT: Duration = Duration::from_secs(20);
-/// Most times that it is.
-const STORE_RETRIES: usize = 4;
+/// How often, and for how long, a request that failed is tried again.
+#[derive(Debug, Clone, Copy)]
+struct Patience {
+    retries: usize,
+    longest: Duration,
+}
+/// Where viewers wait meanwhile.
+const OF_SERVERS: Patience = Patience {
+    retries: 4,
+    longest: Duration::from_secs(20),
+};
+/// Where hours of work would be lost.
+const OF_COMMANDS: Patience = Patience {
+    retries: 12,
+    longest: Duration::from_secs(180),
+};
 
 impl Library {
     /// Opens the library at `location`: an existing folder, `s3://bucket/prefix`, or `memory://`. A bucket is not asked for
@@ -31,6 +45,15 @@ impl Library {
     /// # Errors
     /// Where there is no folder, for an URL that names no store, and for settings that mean nothing.
     pub fn open(location: &str) -> Result<Self, LibraryError> {
+        Self::open_with(location, OF_COMMANDS)
+    }
+
+    /// The same for a server, which rather says soon that its store is down.
+    pub fn open_to_serve(location: &str) -> Result<Self, LibraryError> {
+        Self::open_with(location, OF_SERVERS)
+    }
+
+    fn open_with(location: &str, patience: Patience) -> Result<Self, LibraryError> {
         if location == MEMORY {
             return Ok(Self::over(Arc::new(InMemory::new()), location));
         }
@@ -40,7 +63,7 @@ impl Library {
             found,
         };
         if let Some(bucket) = location.strip_prefix(S3) {
-            return s3(location, bucket).map_err(|found| {
+            return s3(location, bucket, patience).map_err(|found| {
                 wrong(
                     "s3://bucket/prefix, and AWS_… settings that a client takes",
                     found,
@@ -61,7 +84,10 @@ impl Library {
             .map_err(|error| wrong("a folder that can be read", error.to_string()))?
             // A reference must never reach the disk before the objects that it names.
             .with_fsync(true);
-        Ok(Self::over(Arc::new(store), location))
+        Ok(Self {
+            folder: Some(folder.into()),
+            ..Self::over(Arc::new(store), location)
+        })
     }
 
     /// Like [`Library::open`], and makes the folder where there is none.
@@ -78,19 +104,24 @@ impl Library {
 }
 
 /// A bucket, or what lies under a prefix in it.
-fn s3(location: &str, bucket: &str) -> Result<Library, String> {
+fn s3(location: &str, bucket: &str, patience: Patience) -> Result<Library, String> {
     let (bucket, prefix) = bucket.split_once('/').unwrap_or((bucket, ""));
     if bucket.is_empty() {
         return Err("an URL without a bucket".to_owned());
     }
     // The first one counts: another part of the program may have chosen.
     let _ = rustls::crypto::ring::default_provider().install_default();
-    let store = AmazonS3Builder::from_env()
+    let mut store = AmazonS3Builder::from_env();
+    if std::env::var_os(CHECKSUM).is_none() {
+        // What is changed on the way up is refused there, and not found by the next verify.
+        store = store.with_checksum_algorithm(Checksum::SHA256);
+    }
+    let store = store
         .with_bucket_name(bucket)
         .with_conditional_put(S3ConditionalPut::ETagMatch)
         .with_retry(RetryConfig {
-            max_retries: STORE_RETRIES,
-            retry_timeout: STORE_RETRY_TIMEOUT,
+            max_retries: patience.retries,
+            retry_timeout: patience.longest,
             ..RetryConfig::default()
         })
         .with_client_options(

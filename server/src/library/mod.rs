@@ -22,11 +22,13 @@ mod plans;
 mod reach;
 mod scenes;
 
+use std::fs::File;
+use std::path::Path;
 use std::sync::Arc;
 
 use lodestream_format::{ContentHash, FormatError, library};
 use object_store::ObjectStore;
-use object_store::path::Path;
+use object_store::path::Path as StorePath;
 
 pub use builds::BuildRecord;
 pub use copy::CopyReport;
@@ -35,13 +37,19 @@ pub use gc::{GcOptions, GcReport};
 pub use objects::{ObjectEntry, Put};
 pub use plans::PlanNote;
 pub use reach::Reach;
+pub use scenes::Replaces;
 
 /// A handle on a library; clones share the store.
 #[derive(Debug, Clone)]
 pub struct Library {
     store: Arc<dyn ObjectStore>,
     location: Arc<str>,
+    /// Where the store is a folder of this machine.
+    folder: Option<Arc<Path>>,
 }
+
+/// File of a folder that whoever replaces a scene in it holds locked.
+const LOCK: &str = ".lock";
 
 impl Library {
     /// A library over any store; `location` names it in errors.
@@ -49,12 +57,34 @@ impl Library {
         Self {
             store,
             location: location.into(),
+            folder: None,
         }
     }
 
     /// The folder or URL as it was given.
     pub fn location(&self) -> &str {
         &self.location
+    }
+
+    /// Whether a network lies before the bytes.
+    pub fn is_remote(&self) -> bool {
+        self.location.starts_with(location::S3)
+    }
+
+    /// In a folder: waits until nobody else replaces a scene in it, as long as the file lives.
+    async fn lock_folder(&self) -> Result<Option<File>, LibraryError> {
+        let Some(folder) = &self.folder else {
+            return Ok(None);
+        };
+        let path = folder.join(LOCK);
+        let failed = |cause| LibraryError::File {
+            file: path.clone(),
+            cause,
+        };
+        let lock = File::create(&path).map_err(failed)?;
+        let waits = tokio::task::spawn_blocking(move || lock.lock().map(|()| lock));
+        let locked = waits.await.map_err(|error| failed(error.into()))?;
+        locked.map(Some).map_err(failed)
     }
 
     /// The library's bytes that are not what `path` promises.
@@ -66,7 +96,7 @@ impl Library {
         }
     }
 
-    fn no_object(&self, path: &Path) -> LibraryError {
+    fn no_object(&self, path: &StorePath) -> LibraryError {
         LibraryError::NoObject {
             location: self.location.to_string(),
             path: path.to_string(),
@@ -74,7 +104,7 @@ impl Library {
     }
 
     /// A store's error at `path`; a missing object becomes [`LibraryError::NoObject`].
-    fn store_error(&self, path: &Path, source: object_store::Error) -> LibraryError {
+    fn store_error(&self, path: &StorePath, source: object_store::Error) -> LibraryError {
         match source {
             object_store::Error::NotFound { .. } => self.no_object(path),
             source => LibraryError::Store {
@@ -87,6 +117,6 @@ impl Library {
 }
 
 /// Where an object lies; 64 hexadecimal digits cannot leave the folder.
-fn object_path(hash: &ContentHash) -> Path {
-    Path::from(library::object_path(hash))
+fn object_path(hash: &ContentHash) -> StorePath {
+    StorePath::from(library::object_path(hash))
 }

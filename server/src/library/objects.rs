@@ -128,6 +128,21 @@ impl Library {
         self.range(&object_path(hash), range).await
     }
 
+    /// [`Library::object_range`] of an asset's pack: the asset is there, so a pack that is not is damage.
+    pub async fn pack_range(
+        &self,
+        pack: &ContentHash,
+        range: Range<u64>,
+    ) -> Result<Bytes, LibraryError> {
+        match self.object_range(pack, range).await {
+            Err(LibraryError::NoObject { path, .. }) => {
+                let error = FormatError::new("pack", "that of an asset that is there", "none");
+                Err(self.damaged(path, error))
+            }
+            read => read,
+        }
+    }
+
     async fn range(&self, path: &Path, range: Range<u64>) -> Result<Bytes, LibraryError> {
         if range.is_empty() {
             return Ok(Bytes::new());
@@ -140,6 +155,7 @@ impl Library {
             Ok(bytes) if bytes.len() as u64 == range.end - range.start => Ok(bytes),
             // Stores answer a range that ends too late with what there is, and one that starts too late with an error of no type.
             Ok(bytes) => Err(short(format!("{}", range.start + bytes.len() as u64))),
+            Err(error) if is_transport(&error) => Err(self.store_error(path, error)),
             Err(error) => match self.entry(path).await? {
                 Some(entry) if entry.bytes < range.end => Err(short(format!("{}", entry.bytes))),
                 _ => Err(self.store_error(path, error)),
@@ -154,6 +170,30 @@ impl Library {
         range: Range<u64>,
     ) -> impl Stream<Item = Result<Bytes, LibraryError>> + Send + use<> {
         self.pieces(&object_path(hash), range)
+    }
+
+    /// All of an object of `bytes` in pieces; the last one comes only if all of them have the object's hash.
+    pub fn checked_pieces(
+        &self,
+        hash: &ContentHash,
+        bytes: u64,
+    ) -> impl Stream<Item = Result<Bytes, LibraryError>> + Send + use<> {
+        let (library, hash) = (self.clone(), *hash);
+        let mut hasher = ContentHasher::default();
+        let mut left = bytes;
+        self.object_pieces(&hash, 0..bytes).map(move |piece| {
+            let piece = piece?;
+            hasher.update(&piece);
+            left -= piece.len() as u64;
+            if left == 0 {
+                let found = std::mem::take(&mut hasher).finish();
+                if found != hash {
+                    let path = object_path(&hash);
+                    return Err(library.damaged(path.as_ref(), wrong_hash(&hash, &found, bytes)));
+                }
+            }
+            Ok(piece)
+        })
     }
 
     pub(super) fn pieces(
@@ -243,4 +283,17 @@ impl ObjectEntry {
 pub(super) fn now_secs() -> i64 {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     since.map_or(0, |since| since.as_secs() as i64)
+}
+
+/// Whether a store was not reached, or did not answer: it is no use to ask it what is there.
+fn is_transport(error: &object_store::Error) -> bool {
+    use object_store::client::{HttpError, HttpErrorKind};
+    let mut cause: Option<&dyn std::error::Error> = Some(error);
+    while let Some(error) = cause {
+        if let Some(error) = error.downcast_ref::<HttpError>() {
+            return !matches!(error.kind(), HttpErrorKind::Decode | HttpErrorKind::Unknown);
+        }
+        cause = error.source();
+    }
+    false
 }

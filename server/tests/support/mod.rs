@@ -5,6 +5,7 @@
 pub mod binary;
 pub mod bumps;
 pub mod gltf;
+pub mod h2;
 pub mod made;
 pub mod server;
 pub mod stores;

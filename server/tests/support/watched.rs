@@ -21,6 +21,7 @@ pub struct Watched {
     /// Ranges read so far.
     ranges: AtomicU64,
     reads_fail: AtomicBool,
+    delay_millis: AtomicU64,
 }
 
 impl Watched {
@@ -31,6 +32,8 @@ impl Watched {
             writes_left: AtomicI64::new(i64::MAX),
             ranges: AtomicU64::new(0),
             reads_fail: AtomicBool::new(false),
+            // As long as others need to come and wait.
+            delay_millis: AtomicU64::new(20),
         })
     }
 
@@ -49,6 +52,12 @@ impl Watched {
     /// Whether reads fail from now on.
     pub fn fail_reads(&self, fail: bool) {
         self.reads_fail.store(fail, Ordering::SeqCst);
+    }
+
+    /// How long a range takes from now on.
+    pub fn delay_reads(&self, delay: std::time::Duration) {
+        let millis = delay.as_millis() as u64;
+        self.delay_millis.store(millis, Ordering::SeqCst);
     }
 
     /// All writes after so many fail.
@@ -95,8 +104,8 @@ impl ObjectStore for Watched {
     async fn get_opts(&self, location: &Path, options: GetOptions) -> Result<GetResult> {
         if options.range.is_some() {
             self.ranges.fetch_add(1, Ordering::SeqCst);
-            // As long as others need to come and wait.
-            tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+            let delay = self.delay_millis.load(Ordering::SeqCst);
+            tokio::time::sleep(std::time::Duration::from_millis(delay)).await;
         }
         if self.reads_fail.load(Ordering::SeqCst) {
             return Err(object_store::Error::Generic {

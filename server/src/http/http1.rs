@@ -1,0 +1,277 @@
+//! Page ranges over HTTP/1.1, from the socket to the socket: read a head, look the pages up, write head and pages with one call. That is
+//! nearly all that a server is asked over HTTP/1.1, by viewers as by the caches in front of it, and a general HTTP library costs more
+//! there than everything else outside the kernel. The first request for anything else, and all after it on that connection, is hyper's;
+//! `tests/http_cache.rs` holds the answers of the two against each other.
+
+use std::cell::RefCell;
+use std::future::{Future, poll_fn};
+use std::io::{self, IoSlice, Write};
+use std::pin::pin;
+use std::task::Poll;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use axum::http::{HeaderValue, StatusCode};
+use bytes::Bytes;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+
+use super::body::is_small;
+use super::cors;
+use super::error::HttpError;
+use super::etag::IMMUTABLE;
+use super::front::Front;
+use super::objects::parse_hash;
+use super::page_cache::Slices;
+use super::pages::{self, PAGES_ROUTE};
+use super::requests::{REQUEST_ID, new_id};
+use super::socket::Socket;
+
+/// Longest head that is read here; those of viewers have some 150 bytes.
+const HEAD_BYTES: usize = 2048;
+/// Most header fields of it.
+const MAX_FIELDS: usize = 32;
+/// What every request that is answered here begins with.
+const BEGIN: &[u8] = b"GET /v1/assets/";
+
+/// Answers requests for pages until something else comes: what was read of that, or nothing where the connection is over.
+pub(super) async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
+    socket: &mut Socket<S>,
+    front: &Front,
+    head_timeout: Duration,
+) -> io::Result<Option<Bytes>> {
+    let state = front.state();
+    let mut draining = state.draining();
+    let mut drained = pin!(draining.wait_for(|&draining| draining));
+    let mut read = Vec::with_capacity(HEAD_BYTES);
+    let mut head = Vec::with_capacity(512);
+    socket.read_within(head_timeout, usize::MAX);
+    loop {
+        let asked = match asked(&read) {
+            Read::Pages(asked) if !front.is_limited() => asked,
+            Read::Part if read.len() < HEAD_BYTES => {
+                let mut more = pin!(socket.read_buf(&mut read));
+                let more = poll_fn(|context| match more.as_mut().poll(context) {
+                    Poll::Ready(bytes) => Poll::Ready(bytes),
+                    // Nothing is in flight: a server that stops does not wait for this client.
+                    Poll::Pending => drained.as_mut().poll(context).map(|_| Ok(0)),
+                });
+                match more.await? {
+                    0 => return Ok(None),
+                    _ => continue,
+                }
+            }
+            _ => return Ok(Some(Bytes::from(read))),
+        };
+        let started = Instant::now();
+        let found = match find(front, &asked).await {
+            Ok(Some(found)) => Ok(found),
+            Ok(None) => return Ok(Some(Bytes::from(read))),
+            Err(error) => Err(error),
+        };
+        let last = asked.last || state.is_draining();
+        let id = found.is_err().then(new_id);
+        let name = id
+            .as_ref()
+            .and_then(|id| id.to_str().ok())
+            .unwrap_or_default();
+        let access = front.access(asked.path, name);
+        let (status, body) = write_head(&mut head, &asked, found, id.as_ref(), last);
+        let (bytes, head_bytes) = (body.bytes(), asked.head_bytes);
+        state.0.metrics.began();
+        let sent = send(socket, &head, body).await;
+        let seconds = started.elapsed().as_secs_f64();
+        state
+            .0
+            .metrics
+            .finished(PAGES_ROUTE, status.as_u16(), bytes, seconds);
+        if let Some(access) = access {
+            access.log(status.as_u16(), bytes, seconds);
+        }
+        sent?;
+        if last {
+            return socket.shutdown().await.map(|()| None);
+        }
+        read.drain(..head_bytes);
+        socket.read_within(head_timeout, usize::MAX);
+    }
+}
+
+/// What has been read of a connection.
+enum Read<'a> {
+    /// The beginning of a head.
+    Part,
+    Pages(Asked<'a>),
+    /// Anything else, also what is no HTTP.
+    Other,
+}
+
+/// A request for pages.
+struct Asked<'a> {
+    path: &'a str,
+    hash: &'a str,
+    range: &'a str,
+    head_bytes: usize,
+    /// The client wants no other answer on this connection.
+    last: bool,
+}
+
+fn asked(read: &[u8]) -> Read<'_> {
+    let known = read.len().min(BEGIN.len());
+    if read[..known] != BEGIN[..known] {
+        return Read::Other;
+    }
+    let mut fields = [httparse::EMPTY_HEADER; MAX_FIELDS];
+    let mut request = httparse::Request::new(&mut fields);
+    let head_bytes = match request.parse(read) {
+        Ok(httparse::Status::Complete(bytes)) => bytes,
+        Ok(httparse::Status::Partial) => return Read::Part,
+        Err(_) => return Read::Other,
+    };
+    let path = request.path.unwrap_or_default();
+    let Some((hash, range)) = pages::split(path).filter(|_| !path.contains(['%', '?', '#'])) else {
+        return Read::Other;
+    };
+    let (mut hosts, mut last) = (0, false);
+    for field in request.headers.iter() {
+        let is = |name: &str| field.name.eq_ignore_ascii_case(name);
+        if is("host") {
+            hosts += 1;
+        } else if is("connection") && field.value.eq_ignore_ascii_case(b"close") {
+            last = true;
+        } else if is("connection") && !field.value.eq_ignore_ascii_case(b"keep-alive")
+            || CHANGES.iter().any(|name| is(name))
+        {
+            return Read::Other;
+        }
+    }
+    match request.version == Some(1) && hosts == 1 {
+        true => Read::Pages(Asked {
+            path,
+            hash,
+            range,
+            head_bytes,
+            last,
+        }),
+        false => Read::Other,
+    }
+}
+
+/// Fields that make a request more than a GET of pages.
+const CHANGES: [&str; 6] = [
+    "if-none-match",
+    "content-length",
+    "transfer-encoding",
+    "expect",
+    "upgrade",
+    "x-request-id",
+];
+
+/// The pages, or nothing where they are too many to come at once.
+async fn find(front: &Front, asked: &Asked<'_>) -> Result<Option<Slices>, HttpError> {
+    let shared = &front.state().0;
+    let hash = parse_hash(asked.hash)?;
+    let (first, last) = pages::parse_pages(asked.range)?;
+    let asset = shared.tables.asset(&shared.library, &hash).await?;
+    let bytes = pages::bytes_of(&asset, first, last)?;
+    if !is_small(bytes.end - bytes.start) {
+        return Ok(None);
+    }
+    let library = &shared.library;
+    let slices = shared
+        .pages
+        .pages(library, &asset, first..=last, front.asker())
+        .await?;
+    shared.metrics.pages_sent((last - first + 1) as u64);
+    Ok(Some(slices))
+}
+
+/// Writes the head of the answer over `head`.
+fn write_head(
+    head: &mut Vec<u8>,
+    asked: &Asked<'_>,
+    found: Result<Slices, HttpError>,
+    id: Option<&HeaderValue>,
+    last: bool,
+) -> (StatusCode, Slices) {
+    head.clear();
+    let mut line = |parts: &[&[u8]]| parts.iter().for_each(|part| head.extend_from_slice(part));
+    let (status, body) = match found {
+        Ok(body) => {
+            line(&[b"HTTP/1.1 200 OK\r\ncontent-type: application/octet-stream\r\netag: \""]);
+            line(&[
+                asked.hash.as_bytes(),
+                b".",
+                asked.range.as_bytes(),
+                b"\"\r\n",
+            ]);
+            line(&[
+                IMMUTABLE.0.as_bytes(),
+                b": ",
+                IMMUTABLE.1.as_bytes(),
+                b"\r\n",
+            ]);
+            (StatusCode::OK, body)
+        }
+        Err(error) => {
+            let name = id.and_then(|id| id.to_str().ok());
+            let span = tracing::error_span!("request", id = name);
+            let (status, mut fields, text) = span.in_scope(|| error.parts());
+            fields.extend(id.map(|id| (REQUEST_ID, id.clone())));
+            let reason = status.canonical_reason().unwrap_or_default();
+            line(&[
+                b"HTTP/1.1 ",
+                status.as_str().as_bytes(),
+                b" ",
+                reason.as_bytes(),
+                b"\r\n",
+            ]);
+            for (name, value) in &fields {
+                line(&[name.as_str().as_bytes(), b": ", value.as_bytes(), b"\r\n"]);
+            }
+            (status, Slices::from_iter([Bytes::from(text)]))
+        }
+    };
+    for (name, value) in cors::OPEN {
+        line(&[name.as_str().as_bytes(), b": ", value.as_bytes(), b"\r\n"]);
+    }
+    line(&[if last { b"connection: close\r\n" } else { b"" }]);
+    // Writing to a vector cannot fail.
+    let _ = write!(head, "content-length: {}\r\ndate: ", body.bytes());
+    push_date(head);
+    head.extend_from_slice(b"\r\n\r\n");
+    (status, body)
+}
+
+/// The time, as RFC 9110 wants it; made once a second.
+fn push_date(head: &mut Vec<u8>) {
+    thread_local!(static DATE: RefCell<(u64, String)> = const { RefCell::new((0, String::new())) });
+    let now = SystemTime::now();
+    let secs = now
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_secs());
+    DATE.with_borrow_mut(|(at, text)| {
+        if *at != secs || text.is_empty() {
+            (*at, *text) = (secs, httpdate::fmt_http_date(now));
+        }
+        head.extend_from_slice(text.as_bytes());
+    });
+}
+
+async fn send<S: AsyncRead + AsyncWrite + Unpin>(
+    socket: &mut Socket<S>,
+    head: &[u8],
+    body: Slices,
+) -> io::Result<()> {
+    let body: Vec<Bytes> = body.collect();
+    let mut pieces = Vec::with_capacity(body.len() + 1);
+    pieces.push(IoSlice::new(head));
+    pieces.extend(body.iter().map(|slice| IoSlice::new(slice)));
+    let mut left = &mut pieces[..];
+    while !left.is_empty() {
+        match socket.write_vectored(left).await? {
+            0 => return Err(io::ErrorKind::WriteZero.into()),
+            sent => IoSlice::advance_slices(&mut left, sent),
+        }
+    }
+    // TLS keeps what it has encrypted.
+    socket.flush().await
+}
