@@ -8,72 +8,103 @@ use std::task::{Context, Poll};
 
 use axum::body::{Body, HttpBody};
 use bytes::Bytes;
-use futures_util::{Stream, TryStreamExt, stream};
+use futures_util::{Stream, StreamExt, TryStreamExt, stream};
 use hyper::body::{Frame, SizeHint};
+use lodestream_format::hash::ContentHasher;
 use lodestream_format::{Asset, ContentHash};
 
 use super::AppState;
 use super::error::HttpError;
 use super::error_log;
 use super::fair::Asker;
-use super::page_cache::{Slices, bytes_of, read_pages};
-use crate::library::{Library, LibraryError};
+use super::page_cache::{RUN_BYTES, Slices, runs};
+use crate::library::LibraryError;
 
-/// Ranges up to this come in one read before the status goes out, so that a damaged object is an error and not a cut answer.
-const WHOLE_BYTES: u64 = 4 * 1024 * 1024;
-/// Pages of longer answers are read so many bytes at a time.
-const RUN_BYTES: u64 = 1024 * 1024;
+/// Bytes of a piece of a longer answer.
+const PIECE_BYTES: u64 = 1024 * 1024;
 
 /// The bytes of `range` of an object; longer ones are read piece by piece, as the client takes them, and of a whole object the last piece
 /// goes out only if all have the object's hash.
 pub(super) async fn range_body(
-    library: &Library,
+    state: &AppState,
     hash: &ContentHash,
     range: Range<u64>,
     is_whole: bool,
 ) -> Result<Body, HttpError> {
-    if range.end - range.start <= WHOLE_BYTES {
-        return Ok(Body::from(library.object_range(hash, range).await?));
+    let shared = &state.0;
+    if is_small(range.end - range.start) {
+        let room = shared.pages.room(range.end - range.start).await;
+        let bytes = match is_whole {
+            true => shared.library.object(hash).await?,
+            false => shared.library.object_range(hash, range).await?,
+        };
+        return Ok(Body::from(room.keep(bytes)));
     }
-    Ok(match is_whole {
-        true => streamed(library.checked_pieces(hash, range.end)),
-        false => streamed(library.object_pieces(hash, range)),
-    })
+    let (state, hash) = (state.clone(), *hash);
+    let hasher = is_whole.then(ContentHasher::default);
+    Ok(streamed(stream::try_unfold(
+        (range.start, hasher),
+        move |(at, mut hasher)| {
+            let state = state.clone();
+            async move {
+                if at >= range.end {
+                    return Ok(None);
+                }
+                let shared = &state.0;
+                let end = range.end.min(at + PIECE_BYTES);
+                let room = shared.pages.room(end - at).await;
+                let piece = room.keep(shared.library.object_range(&hash, at..end).await?);
+                if let Some(hasher) = &mut hasher {
+                    hasher.update(&piece);
+                    if end == range.end {
+                        shared
+                            .library
+                            .check_hash(&hash, std::mem::take(hasher), end)?;
+                    }
+                }
+                Ok(Some((piece, (end, hasher))))
+            }
+        },
+    )))
 }
 
-/// Frames of pages; those of up to a few MiB come from the cache, more are read run by run as the client takes them.
+/// Frames of pages, from the cache: a few at once, so that what is damaged is an error and not a cut answer, more run by run as the client
+/// takes them.
 pub(super) async fn pages_body(
     state: &AppState,
     asset: &Arc<Asset>,
     pages: RangeInclusive<u32>,
     asker: Asker,
 ) -> Result<Body, HttpError> {
+    let mut runs = runs(asset, pages);
+    let Some(first) = runs.next() else {
+        return Ok(Body::empty());
+    };
     let shared = &state.0;
-    let bytes = bytes_of(asset, &pages);
-    if is_small(bytes.end - bytes.start) {
-        let slices = shared
-            .pages
-            .pages(&shared.library, asset, pages, asker)
-            .await?;
-        return Ok(Body::new(slices));
+    let first = shared
+        .pages
+        .pages(&shared.library, asset, first, asker)
+        .await?;
+    let mut runs = runs.peekable();
+    if runs.peek().is_none() {
+        return Ok(Body::new(first));
     }
-    let (library, asset) = (shared.library.clone(), Arc::clone(asset));
-    let runs = stream::try_unfold(*pages.start(), move |first| {
-        let (library, asset, last) = (library.clone(), Arc::clone(&asset), *pages.end());
+    let (state, asset) = (state.clone(), Arc::clone(asset));
+    let rest = stream::iter(runs).then(move |run| {
+        let (state, asset) = (state.clone(), Arc::clone(&asset));
         async move {
-            if first > last {
-                return Ok(None);
-            }
-            let begin = asset.pages[first as usize].offset;
-            let after = asset
+            let shared = &state.0;
+            shared
                 .pages
-                .partition_point(|page| page.offset < begin + RUN_BYTES);
-            let end = last.min(after as u32 - 1);
-            let run = read_pages(&library, &asset, first..=end).await?;
-            Ok::<_, LibraryError>(Some((run, end + 1)))
+                .pages(&shared.library, &asset, run, asker)
+                .await
         }
     });
-    Ok(streamed(runs))
+    let all = stream::once(async { Ok(first) }).chain(rest);
+    Ok(streamed(
+        all.map_ok(|slices| stream::iter(slices.map(Ok)))
+            .try_flatten(),
+    ))
 }
 
 /// The status is out by then: where a piece fails the connection is cut, and the client sees fewer bytes than were promised.
@@ -101,7 +132,7 @@ impl HttpBody for Slices {
     }
 }
 
-/// Whether an object of `bytes` is sent whole, after its hash was checked.
+/// Whether an answer of `bytes` is in memory as a whole before its status goes out.
 pub(super) fn is_small(bytes: u64) -> bool {
-    bytes <= WHOLE_BYTES
+    bytes <= RUN_BYTES
 }

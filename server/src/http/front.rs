@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use axum::Router;
 use axum::body::{Body, HttpBody};
-use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
+use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, ETAG, HOST, IF_NONE_MATCH};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Request, Response, Version};
 use axum::response::IntoResponse;
 use bytes::Bytes;
@@ -19,6 +19,7 @@ use futures_util::future::{Either, Ready, ready};
 use hyper::body::{Frame, Incoming, SizeHint};
 use hyper::service::Service;
 use hyper_util::service::TowerToHyperService;
+use lodestream_format::FormatError;
 
 use super::body::is_small;
 use super::error::HttpError;
@@ -40,6 +41,12 @@ pub(super) struct Front {
     /// Which connection this is, of all that there were.
     asker: Asker,
     sending: Arc<Sending>,
+}
+
+/// Whether bytes can name a host, with or without a port.
+pub(super) fn is_host(host: &[u8]) -> bool {
+    let names = |byte: &u8| byte.is_ascii_alphanumeric() || b"-._~!$&'()*+,;=:[]%".contains(byte);
+    host.iter().all(names)
 }
 
 type Answered = Result<Response<Paced<FrontBody>>, Infallible>;
@@ -72,6 +79,11 @@ impl Front {
         &self.state
     }
 
+    /// The connection's answers over HTTP/2.
+    pub(super) fn sending(&self) -> &Arc<Sending> {
+        &self.sending
+    }
+
     /// Who reads on this connection.
     pub(super) fn asker(&self) -> Asker {
         self.asker
@@ -100,6 +112,27 @@ impl Front {
         metrics.began();
         metrics.finished("limited", 429, 0, 0.0);
         let mut response = HttpError::TooMany { secs }.into_response();
+        cors::open(response.headers_mut());
+        Some(response.map(FrontBody::Routed))
+    }
+
+    /// That a request of HTTP/1.1 does not name one host (RFC 9112, section 3.2): what lies between may take it for another's.
+    fn misaddressed(&self, request: &Request<Incoming>) -> Option<Response<FrontBody>> {
+        if request.version() != Version::HTTP_11 {
+            return None;
+        }
+        let mut hosts = request.headers().get_all(HOST).iter();
+        let host = hosts.next().map(HeaderValue::as_bytes);
+        let is_one = hosts.next().is_none();
+        if is_one && host.is_some_and(is_host) {
+            return None;
+        }
+        let found = format!("{host:?}{}", if is_one { "" } else { " and more" });
+        let error = HttpError::BadRequest(FormatError::new("request", "one Host field", found));
+        let metrics = &self.state.0.metrics;
+        metrics.began();
+        metrics.finished("none", 400, 0, 0.0);
+        let mut response = error.into_response();
         cors::open(response.headers_mut());
         Some(response.map(FrontBody::Routed))
     }
@@ -155,7 +188,10 @@ impl Service<Request<Incoming>> for Front {
             Some(sending) => sending.pace(body, urgency),
             None => Paced::alone(body),
         };
-        if let Some(response) = self.refused(&request).or_else(|| self.held(&request)) {
+        let early = self
+            .refused(&request)
+            .or_else(|| self.misaddressed(&request));
+        if let Some(response) = early.or_else(|| self.held(&request)) {
             return Either::Left(ready(Ok(response.map(pace))));
         }
         request.extensions_mut().insert(self.asker);

@@ -6,21 +6,25 @@
 use std::cell::RefCell;
 use std::future::{Future, poll_fn};
 use std::io::{self, IoSlice, Write};
+use std::ops::RangeInclusive;
 use std::pin::pin;
+use std::sync::Arc;
 use std::task::Poll;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use axum::http::{HeaderValue, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use bytes::Bytes;
+use lodestream_format::Asset;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 
 use super::body::is_small;
 use super::cors;
 use super::error::HttpError;
+use super::error_log;
 use super::etag::IMMUTABLE;
-use super::front::Front;
+use super::front::{Front, is_host};
 use super::objects::parse_hash;
-use super::page_cache::Slices;
+use super::page_cache::{Slices, runs};
 use super::pages::{self, PAGES_ROUTE};
 use super::requests::{REQUEST_ID, new_id};
 use super::socket::Socket;
@@ -62,30 +66,13 @@ pub(super) async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
             _ => return Ok(Some(Bytes::from(read))),
         };
         let started = Instant::now();
-        let found = match find(front, &asked).await {
-            Ok(Some(found)) => Ok(found),
-            Ok(None) => return Ok(Some(Bytes::from(read))),
-            Err(error) => Err(error),
-        };
         let last = asked.last || state.is_draining();
-        let id = found.is_err().then(new_id);
-        let name = id
-            .as_ref()
-            .and_then(|id| id.to_str().ok())
-            .unwrap_or_default();
-        let access = front.access(asked.path, name);
-        let (status, body) = write_head(&mut head, &asked, found, id.as_ref(), last);
-        let (bytes, head_bytes) = (body.bytes(), asked.head_bytes);
+        let head_bytes = asked.head_bytes;
         state.0.metrics.began();
-        let sent = send(socket, &head, body).await;
-        let seconds = started.elapsed().as_secs_f64();
-        state
-            .0
-            .metrics
-            .finished(PAGES_ROUTE, status.as_u16(), bytes, seconds);
-        if let Some(access) = access {
-            access.log(status.as_u16(), bytes, seconds);
-        }
+        let mut answer = Answer::new(front, &asked).await;
+        answer.write_head(&mut head, &asked, last);
+        let sent = answer.send(socket, front, &head).await;
+        answer.finished(front, asked.path, started.elapsed().as_secs_f64());
         sent?;
         if last {
             return socket.shutdown().await.map(|()| None);
@@ -133,11 +120,12 @@ fn asked(read: &[u8]) -> Read<'_> {
     let (mut hosts, mut last) = (0, false);
     for field in request.headers.iter() {
         let is = |name: &str| field.name.eq_ignore_ascii_case(name);
-        if is("host") {
+        if is("host") && is_host(field.value) {
             hosts += 1;
         } else if is("connection") && field.value.eq_ignore_ascii_case(b"close") {
             last = true;
         } else if is("connection") && !field.value.eq_ignore_ascii_case(b"keep-alive")
+            || is("host")
             || CHANGES.iter().any(|name| is(name))
         {
             return Read::Other;
@@ -165,37 +153,79 @@ const CHANGES: [&str; 6] = [
     "x-request-id",
 ];
 
-/// The pages, or nothing where they are too many to come at once.
-async fn find(front: &Front, asked: &Asked<'_>) -> Result<Option<Slices>, HttpError> {
-    let shared = &front.state().0;
-    let hash = parse_hash(asked.hash)?;
-    let (first, last) = pages::parse_pages(asked.range)?;
-    let asset = shared.tables.asset(&shared.library, &hash).await?;
-    let bytes = pages::bytes_of(&asset, first, last)?;
-    if !is_small(bytes.end - bytes.start) {
-        return Ok(None);
-    }
-    let library = &shared.library;
-    let slices = shared
-        .pages
-        .pages(library, &asset, first..=last, front.asker())
-        .await?;
-    shared.metrics.pages_sent((last - first + 1) as u64);
-    Ok(Some(slices))
+/// What is said to a request.
+struct Answer {
+    status: StatusCode,
+    /// Fields that only errors have.
+    fields: HeaderMap,
+    /// What goes out with the head, and the pages that come after it.
+    begin: Slices,
+    rest: Option<(Arc<Asset>, Runs)>,
+    bytes: u64,
+    sent_bytes: u64,
+    id: Option<HeaderValue>,
 }
 
-/// Writes the head of the answer over `head`.
-fn write_head(
-    head: &mut Vec<u8>,
-    asked: &Asked<'_>,
-    found: Result<Slices, HttpError>,
-    id: Option<&HeaderValue>,
-    last: bool,
-) -> (StatusCode, Slices) {
-    head.clear();
-    let mut line = |parts: &[&[u8]]| parts.iter().for_each(|part| head.extend_from_slice(part));
-    let (status, body) = match found {
-        Ok(body) => {
+type Runs = Box<dyn Iterator<Item = RangeInclusive<u32>> + Send>;
+
+impl Answer {
+    /// The pages, the first ones of them in memory, or why there are none.
+    async fn new(front: &Front, asked: &Asked<'_>) -> Self {
+        match Self::pages(front, asked).await {
+            Ok(answer) => answer,
+            Err(error) => {
+                let id = new_id();
+                let span = tracing::error_span!("request", id = id.to_str().unwrap_or_default());
+                let (status, mut fields, text) = span.in_scope(|| error.parts());
+                fields.insert(REQUEST_ID, id.clone());
+                Self {
+                    status,
+                    fields,
+                    bytes: text.len() as u64,
+                    begin: Slices::from_iter([Bytes::from(text)]),
+                    rest: None,
+                    sent_bytes: 0,
+                    id: Some(id),
+                }
+            }
+        }
+    }
+
+    async fn pages(front: &Front, asked: &Asked<'_>) -> Result<Self, HttpError> {
+        let shared = &front.state().0;
+        let hash = parse_hash(asked.hash)?;
+        let (first, last) = pages::parse_pages(asked.range)?;
+        let asset = shared.tables.asset(&shared.library, &hash).await?;
+        let bytes = pages::bytes_of(&asset, first, last)?;
+        let mut answer = Self {
+            status: StatusCode::OK,
+            fields: HeaderMap::new(),
+            begin: Slices::default(),
+            rest: None,
+            bytes: bytes.end - bytes.start,
+            sent_bytes: 0,
+            id: None,
+        };
+        let mut run = first..=last;
+        if !is_small(answer.bytes) {
+            let mut runs = runs(&asset, run.clone());
+            run = runs.next().unwrap_or(run);
+            answer.rest = Some((Arc::clone(&asset), Box::new(runs)));
+        }
+        let library = &shared.library;
+        answer.begin = shared
+            .pages
+            .pages(library, &asset, run, front.asker())
+            .await?;
+        shared.metrics.pages_sent((last - first + 1) as u64);
+        Ok(answer)
+    }
+
+    /// Writes the head over `head`.
+    fn write_head(&self, head: &mut Vec<u8>, asked: &Asked<'_>, last: bool) {
+        head.clear();
+        let mut line = |parts: &[&[u8]]| parts.iter().for_each(|part| head.extend_from_slice(part));
+        if self.status == StatusCode::OK {
             line(&[b"HTTP/1.1 200 OK\r\ncontent-type: application/octet-stream\r\netag: \""]);
             line(&[
                 asked.hash.as_bytes(),
@@ -209,36 +239,70 @@ fn write_head(
                 IMMUTABLE.1.as_bytes(),
                 b"\r\n",
             ]);
-            (StatusCode::OK, body)
-        }
-        Err(error) => {
-            let name = id.and_then(|id| id.to_str().ok());
-            let span = tracing::error_span!("request", id = name);
-            let (status, mut fields, text) = span.in_scope(|| error.parts());
-            fields.extend(id.map(|id| (REQUEST_ID, id.clone())));
-            let reason = status.canonical_reason().unwrap_or_default();
+        } else {
+            let reason = self
+                .status
+                .canonical_reason()
+                .unwrap_or_default()
+                .as_bytes();
             line(&[
                 b"HTTP/1.1 ",
-                status.as_str().as_bytes(),
+                self.status.as_str().as_bytes(),
                 b" ",
-                reason.as_bytes(),
+                reason,
                 b"\r\n",
             ]);
-            for (name, value) in &fields {
+            for (name, value) in &self.fields {
                 line(&[name.as_str().as_bytes(), b": ", value.as_bytes(), b"\r\n"]);
             }
-            (status, Slices::from_iter([Bytes::from(text)]))
         }
-    };
-    for (name, value) in cors::OPEN {
-        line(&[name.as_str().as_bytes(), b": ", value.as_bytes(), b"\r\n"]);
+        for (name, value) in cors::OPEN {
+            line(&[name.as_str().as_bytes(), b": ", value.as_bytes(), b"\r\n"]);
+        }
+        line(&[if last { b"connection: close\r\n" } else { b"" }]);
+        // Writing to a vector cannot fail.
+        let _ = write!(head, "content-length: {}\r\ndate: ", self.bytes);
+        push_date(head);
+        head.extend_from_slice(b"\r\n\r\n");
     }
-    line(&[if last { b"connection: close\r\n" } else { b"" }]);
-    // Writing to a vector cannot fail.
-    let _ = write!(head, "content-length: {}\r\ndate: ", body.bytes());
-    push_date(head);
-    head.extend_from_slice(b"\r\n\r\n");
-    (status, body)
+
+    /// Sends head and pages, run by run; a run that fails cuts the connection, for the status is out by then.
+    async fn send<S: AsyncRead + AsyncWrite + Unpin>(
+        &mut self,
+        socket: &mut Socket<S>,
+        front: &Front,
+        head: &[u8],
+    ) -> io::Result<()> {
+        let begin = std::mem::take(&mut self.begin);
+        self.sent_bytes = begin.bytes();
+        send(socket, head, begin).await?;
+        let Some((asset, runs)) = self.rest.take() else {
+            return Ok(());
+        };
+        let shared = &front.state().0;
+        for run in runs {
+            let pages = shared
+                .pages
+                .pages(&shared.library, &asset, run, front.asker());
+            let pages = pages.await.map_err(|error| {
+                error_log::cut_short(&error);
+                io::Error::other(error)
+            })?;
+            let bytes = pages.bytes();
+            send(socket, b"", pages).await?;
+            self.sent_bytes += bytes;
+        }
+        Ok(())
+    }
+
+    fn finished(&self, front: &Front, path: &str, seconds: f64) {
+        let metrics = &front.state().0.metrics;
+        metrics.finished(PAGES_ROUTE, self.status.as_u16(), self.sent_bytes, seconds);
+        let id = self.id.as_ref().and_then(|id| id.to_str().ok());
+        if let Some(access) = front.access(path, id.unwrap_or_default()) {
+            access.log(self.status.as_u16(), self.sent_bytes, seconds);
+        }
+    }
 }
 
 /// The time, as RFC 9110 wants it; made once a second.
@@ -263,7 +327,7 @@ async fn send<S: AsyncRead + AsyncWrite + Unpin>(
 ) -> io::Result<()> {
     let body: Vec<Bytes> = body.collect();
     let mut pieces = Vec::with_capacity(body.len() + 1);
-    pieces.push(IoSlice::new(head));
+    pieces.extend((!head.is_empty()).then(|| IoSlice::new(head)));
     pieces.extend(body.iter().map(|slice| IoSlice::new(slice)));
     let mut left = &mut pieces[..];
     while !left.is_empty() {

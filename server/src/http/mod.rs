@@ -13,6 +13,7 @@ mod front;
 mod health;
 mod http1;
 pub mod limits;
+mod memory;
 mod metrics;
 mod objects;
 mod open;
@@ -38,7 +39,7 @@ use axum::http::HeaderMap;
 use axum::middleware;
 use axum::routing::{MethodRouter, get, post};
 use std::sync::Arc;
-use tokio::sync::watch;
+use tokio::sync::{Semaphore, watch};
 
 use crate::library::Library;
 use error::HttpError;
@@ -63,6 +64,8 @@ struct Shared {
     tables: AssetTables,
     pages: PageCache,
     viewers: Viewers,
+    /// Bytes that posts may still send.
+    posts: Semaphore,
     metrics: Metrics,
     limits: Arc<Limits>,
     uploads: Option<Uploads>,
@@ -83,6 +86,7 @@ impl AppState {
             tables: AssetTables::new(cache_bytes / 4),
             pages: PageCache::new(cache_bytes - cache_bytes / 4),
             viewers: Viewers::default(),
+            posts: Semaphore::new(post_pages::POSTS_BYTES),
             metrics: Metrics::default(),
             limits: Arc::new(Limits::new(limits)),
             uploads: None,

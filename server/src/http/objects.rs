@@ -10,7 +10,7 @@ use axum::response::{IntoResponse, Response};
 use lodestream_format::ContentHash;
 
 use super::AppState;
-use super::body::{is_small, range_body};
+use super::body::range_body;
 use super::error::{HttpError, header};
 use super::etag::{self, IMMUTABLE};
 
@@ -56,13 +56,9 @@ pub(super) async fn object(
         }
     };
     headers.insert(CONTENT_LENGTH, HeaderValue::from(range.end - range.start));
-    let body = if method == Method::HEAD {
-        Body::empty()
-    } else if status == StatusCode::OK && is_small(bytes) {
-        Body::from(library.object(&hash).await?)
-    } else {
-        let is_whole = status == StatusCode::OK;
-        range_body(library, &hash, range, is_whole).await?
+    let body = match method == Method::HEAD {
+        true => Body::empty(),
+        false => range_body(&state, &hash, range, status == StatusCode::OK).await?,
     };
     Ok((status, [IMMUTABLE], headers, body).into_response())
 }

@@ -21,8 +21,8 @@ use crate::library::LibraryError;
 
 /// Assets read ahead of the connection.
 const ASSETS_AHEAD: usize = 4;
-/// Answers up to this go out as one piece: a scene of many small assets is not a flood of tiny frames.
-const JOIN_BYTES: usize = 256 * 1024;
+/// Assets up to this go out as one piece: a scene of many small ones is not a flood of tiny frames.
+const JOIN_BYTES: usize = 16 * 1024;
 
 /// `GET /v1/scenes/{scene}/open`
 pub(super) async fn open(
@@ -83,15 +83,17 @@ async fn asset_blocks(
         library.object(&asset.hierarchy),
         state.0.pages.pages(library, &asset, roots, asker),
     )?;
-    let root_pages: Vec<Bytes> = root_pages.collect();
-    let root_pages = Bytes::from(root_pages.concat());
     state.0.metrics.pages_sent(asset.root_page_count as u64);
-    let pieces = [
-        block(BlockKind::Asset, hash, asset_object),
-        block(BlockKind::Hierarchy, asset.hierarchy, hierarchy),
-        block(BlockKind::RootPages, hash, root_pages),
-    ]
-    .concat();
+    let memory = state.0.pages.memory();
+    let mut pieces = Vec::with_capacity(8);
+    pieces.extend(block(BlockKind::Asset, hash, memory.keep(asset_object)));
+    pieces.extend(block(
+        BlockKind::Hierarchy,
+        asset.hierarchy,
+        memory.keep(hierarchy),
+    ));
+    pieces.push(block_header(BlockKind::RootPages, hash, root_pages.bytes()));
+    pieces.extend(root_pages);
     let total: usize = pieces.iter().map(Bytes::len).sum();
     Ok(match total <= JOIN_BYTES {
         true => vec![Bytes::from(pieces.concat())],
@@ -100,6 +102,10 @@ async fn asset_blocks(
 }
 
 fn block(kind: BlockKind, hash: ContentHash, payload: Bytes) -> [Bytes; 2] {
-    let header = wire::block_header(kind, PageStatus::Ok, 0, hash, payload.len() as u64);
-    [Bytes::copy_from_slice(&header), payload]
+    [block_header(kind, hash, payload.len() as u64), payload]
+}
+
+fn block_header(kind: BlockKind, hash: ContentHash, bytes: u64) -> Bytes {
+    let header = wire::block_header(kind, PageStatus::Ok, 0, hash, bytes);
+    Bytes::copy_from_slice(&header)
 }

@@ -6,9 +6,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::{Body, to_bytes};
+use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
+use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures_util::future::BoxFuture;
@@ -30,6 +30,8 @@ use crate::library::LibraryError;
 
 /// Most bytes of a post: `MAX_PAGES_A_REQUEST` wants of one page each, at their longest.
 const MAX_POST_BYTES: usize = 16 * 1024 * 1024;
+/// Most bytes of all posts that are being read.
+pub(super) const POSTS_BYTES: usize = 2 * MAX_POST_BYTES;
 /// Longest time for a post's body to come.
 const BODY_TIMEOUT: Duration = Duration::from_secs(30);
 /// An answer of which nothing is taken for so long is given up.
@@ -46,7 +48,7 @@ pub(super) async fn post_pages(
     State(state): State<AppState>,
     request: Request,
 ) -> Result<Response, HttpError> {
-    let post = read_post(request.into_body()).await?;
+    let post = read_post(&state, request).await?;
     let plan = PagePlan::new(&post)?;
     let asker = Asker::Viewer(post.viewer);
     let turn = state.0.viewers.enter(post.viewer, post.sequence);
@@ -64,14 +66,42 @@ pub(super) async fn post_pages(
     Ok((headers, Body::from_stream(blocks)).into_response())
 }
 
-async fn read_post(body: Body) -> Result<PagesPost, HttpError> {
-    let Ok(read) = tokio::time::timeout(BODY_TIMEOUT, to_bytes(body, MAX_POST_BYTES)).await else {
+async fn read_post(state: &AppState, request: Request) -> Result<PagesPost, HttpError> {
+    let too_large = |found: &dyn std::fmt::Display| {
+        let expected = format!("at most {MAX_POST_BYTES} bytes");
+        HttpError::TooLarge(FormatError::new("post", expected, found))
+    };
+    let length = request
+        .headers()
+        .get(CONTENT_LENGTH)
+        .and_then(|length| length.to_str().ok());
+    if let Some(length) = length.and_then(|length| length.parse::<u64>().ok())
+        && length > MAX_POST_BYTES as u64
+    {
+        return Err(too_large(&length));
+    }
+    let mut body = request.into_body().into_data_stream();
+    let mut bytes = Vec::new();
+    // Held until the post is read: what all posts have sent so far is bounded.
+    let mut rooms = Vec::new();
+    let whole = async {
+        while let Some(piece) = body.next().await {
+            let piece = piece.map_err(|error| {
+                HttpError::BadRequest(FormatError::new("post", "a whole body", error))
+            })?;
+            if bytes.len() + piece.len() > MAX_POST_BYTES {
+                return Err(too_large(&"more"));
+            }
+            let room = state.0.posts.try_acquire_many(piece.len() as u32);
+            rooms.push(room.map_err(|_| HttpError::NotReady)?);
+            bytes.extend_from_slice(&piece);
+        }
+        Ok(())
+    };
+    let Ok(read) = tokio::time::timeout(BODY_TIMEOUT, whole).await else {
         return Err(HttpError::Slow);
     };
-    let bytes = read.map_err(|error| {
-        let expected = format!("at most {MAX_POST_BYTES} bytes");
-        HttpError::TooLarge(FormatError::new("post", expected, error))
-    })?;
+    read?;
     serde_json::from_slice(&bytes).map_err(|error| {
         let expected = "JSON {viewer, sequence, wants: [{asset, first, last, priority}]}";
         HttpError::BadRequest(FormatError::new("post", expected, error))

@@ -14,7 +14,10 @@ use axum::body::HttpBody;
 use axum::http::HeaderMap;
 use bytes::{Buf, Bytes};
 use hyper::body::{Frame, SizeHint};
+use tokio::sync::Notify;
 use tokio::time::{Instant, Sleep};
+
+use super::memory::Memory;
 
 /// Bytes of a connection that are handed over and not written.
 const AHEAD_BYTES: usize = 256 * 1024;
@@ -28,12 +31,19 @@ const DEFAULT_URGENCY: u8 = 3;
 
 /// A connection's answers.
 #[derive(Debug, Default)]
-pub(super) struct Sending(Mutex<State>);
+pub(super) struct Sending {
+    state: Mutex<State>,
+    /// Something is ahead that was not before.
+    begins: Notify,
+}
 
 #[derive(Debug, Default)]
 struct State {
     ahead_bytes: usize,
+    /// When something ahead was written last, or began to be ahead.
     written: Option<Instant>,
+    /// When something was handed over last.
+    handed: Option<Instant>,
     answers: u64,
     waiting: BTreeMap<Place, Waker>,
 }
@@ -60,7 +70,25 @@ impl Sending {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Ends when the client has taken nothing of what is ahead for as long as `memory` has patience: its socket may take bytes, but it gives
+    /// HTTP/2 no window, or none that lasts.
+    pub(super) async fn stalled(&self, memory: &Memory) {
+        loop {
+            let begins = self.begins.notified();
+            if self.state().ahead_bytes == 0 {
+                begins.await;
+            }
+            tokio::time::sleep(Memory::look_again()).await;
+            let state = self.state();
+            let since = state.written.filter(|_| state.ahead_bytes > 0);
+            drop(state);
+            if since.is_some_and(|since| since.elapsed() >= memory.patience()) {
+                return;
+            }
+        }
     }
 
     /// Wakes who is next, if there is room.
@@ -145,7 +173,7 @@ impl Turn {
             .is_none_or(|(first, _)| *first >= self.place);
         let mut enters = first && state.has_room();
         if !enters && first {
-            let until = state.written.unwrap_or(now) + PATIENCE;
+            let until = state.written.max(state.handed).unwrap_or(now) + PATIENCE;
             let patience = self
                 .patience
                 .get_or_insert_with(|| Box::pin(tokio::time::sleep_until(until)));
@@ -157,9 +185,17 @@ impl Turn {
             return Poll::Pending;
         }
         state.waiting.remove(&self.place);
+        let begins = state.ahead_bytes == 0;
         state.ahead_bytes += bytes;
-        state.written = Some(now);
+        // What is handed over because a client reads other streams is no sign that it reads.
+        if begins || state.written.is_none() {
+            state.written = Some(now);
+        }
+        state.handed = Some(now);
         drop(state);
+        if begins {
+            self.sending.begins.notify_one();
+        }
         self.patience = None;
         self.sending.wake();
         Poll::Ready(())
@@ -313,6 +349,31 @@ mod tests {
             assert!(frame.await.is_some());
         }
         assert_eq!(began.elapsed(), 2 * PATIENCE);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_takes_nothing_has_stalled_and_an_idle_one_has_not() {
+        let memory = Memory::default();
+        let sending = Arc::new(Sending::default());
+        let idle = tokio::time::timeout(Duration::from_secs(600), sending.stalled(&memory));
+        assert!(idle.await.is_err());
+        let mut body = answer(&sending, 3, 100);
+        let mut ahead: VecDeque<_> = std::iter::from_fn(|| next(&mut body)).collect();
+        let reads = async {
+            for _ in 0..10 {
+                tokio::time::sleep(memory.patience() / 2).await;
+                ahead.pop_front();
+                ahead.extend(next(&mut body));
+            }
+            Instant::now()
+        };
+        let ((), last) = tokio::join!(sending.stalled(&memory), reads);
+        let since = last.elapsed();
+        let patience = memory.patience();
+        assert!(
+            (patience..patience + 2 * Memory::look_again()).contains(&since),
+            "{since:?}"
+        );
     }
 
     #[test]

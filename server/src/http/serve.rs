@@ -13,7 +13,7 @@ use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::Semaphore;
 
 use super::AppState;
@@ -24,8 +24,6 @@ use super::tls::Tls;
 
 /// Longest wait for a request's head, also between two requests of one connection.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
-/// Longest time that a client takes nothing of its answer.
-const STALL_TIMEOUT: Duration = Duration::from_secs(60);
 /// What a socket takes beyond what is on its way.
 #[cfg(target_os = "linux")]
 const UNSENT_BYTES: u32 = 128 * 1024;
@@ -33,6 +31,8 @@ const UNSENT_BYTES: u32 = 128 * 1024;
 const PING: Duration = Duration::from_secs(20);
 /// Longest wait for requests in flight after a signal.
 const DRAIN: Duration = Duration::from_secs(10);
+/// Connections that wait to be accepted; the system may allow fewer.
+const QUEUE: u32 = 4096;
 /// Most connections at once; later ones wait in the listener's queue.
 const MAX_CONNECTIONS: usize = 16_384;
 
@@ -47,7 +47,7 @@ pub struct Server {
 impl Server {
     /// Binds `listen`, `host:port`; port 0 takes any free one.
     pub async fn bind(listen: &str) -> io::Result<Self> {
-        let listener = TcpListener::bind(listen).await?;
+        let listener = bind(listen).await?;
         let address = listener.local_addr()?;
         Ok(Self {
             listener,
@@ -129,11 +129,33 @@ impl Server {
     }
 }
 
+/// As `TcpListener::bind`, with a longer queue: a thousand viewers may come at once.
+async fn bind(listen: &str) -> io::Result<TcpListener> {
+    let mut last = io::Error::new(io::ErrorKind::InvalidInput, "no address");
+    for address in tokio::net::lookup_host(listen).await? {
+        let socket = match address {
+            SocketAddr::V4(_) => TcpSocket::new_v4(),
+            SocketAddr::V6(_) => TcpSocket::new_v6(),
+        };
+        let bound = socket.and_then(|socket| {
+            socket.set_reuseaddr(true)?;
+            socket.bind(address)?;
+            socket.listen(QUEUE)
+        });
+        match bound {
+            Ok(listener) => return Ok(listener),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}
+
 fn builder() -> Builder<TokioExecutor> {
     let mut builder = Builder::new(TokioExecutor::new());
     builder
         .http1()
         .timer(TokioTimer::new())
+        .half_close(true)
         .header_read_timeout(HEAD_TIMEOUT);
     builder
         .http2()
@@ -153,15 +175,21 @@ async fn connection<S>(
 ) where
     S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
-    let mut socket = Socket::new(stream, STALL_TIMEOUT);
+    let memory = Arc::clone(service.state().0.pages.memory());
+    let mut socket = Socket::new(stream, Arc::clone(&memory));
     let done = match http1::serve(&mut socket, &service, HEAD_TIMEOUT).await {
         Ok(None) => Ok(()),
         Ok(Some(read)) => {
             socket.unread(read);
             socket.read_within(HEAD_TIMEOUT, PREFACE_BYTES);
+            let sending = Arc::clone(service.sending());
             let connection = builder.serve_connection(TokioIo::new(socket), service);
-            // Boxed: most connections never get here, and this is most of their size.
-            Box::pin(watcher.watch(connection.into_owned())).await
+            // Boxed: many connections never get here, and this is most of their size.
+            let served = Box::pin(watcher.watch(connection.into_owned()));
+            tokio::select! {
+                served = served => served,
+                () = sending.stalled(&memory) => Err("nothing of the answers was taken".into()),
+            }
         }
         Err(error) => Err(error.into()),
     };

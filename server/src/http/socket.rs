@@ -7,12 +7,15 @@
 use std::future::Future;
 use std::io;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use bytes::{Buf, Bytes};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep};
+
+use super::memory::Memory;
 
 /// Bytes that tell the protocol: the length of HTTP/2's preface.
 pub(super) const PREFACE_BYTES: usize = 24;
@@ -25,22 +28,23 @@ pub(super) struct Socket<S> {
     unread: Bytes,
     /// When so many more bytes must have been read.
     reading: Option<(usize, Instant)>,
+    /// Since when nothing was taken of what is written.
     writing: Option<Instant>,
-    stall: Duration,
+    memory: Arc<Memory>,
     /// Set to one of the deadlines only where nothing can be read or written, so that it costs nothing while bytes move.
     timer: Pin<Box<Sleep>>,
 }
 
 impl<S> Socket<S> {
-    /// An answer of which nothing is taken for `stall` ends the connection.
-    pub(super) fn new(stream: S, stall: Duration) -> Self {
+    /// Who takes nothing of an answer for as long as `memory` has patience is given up.
+    pub(super) fn new(stream: S, memory: Arc<Memory>) -> Self {
         Self {
             stream,
             unread: Bytes::new(),
             reading: None,
             writing: None,
-            stall,
-            timer: Box::pin(tokio::time::sleep(stall)),
+            memory,
+            timer: Box::pin(tokio::time::sleep(Memory::look_again())),
         }
     }
 
@@ -93,10 +97,16 @@ impl<S> Socket<S> {
             self.writing = None;
             return written;
         }
-        let until = self.writing.unwrap_or_else(|| Instant::now() + self.stall);
-        self.writing = Some(until);
-        self.passed(Some(until), "nothing of the answer was taken", context)
-            .map(Err)
+        let since = *self.writing.get_or_insert_with(Instant::now);
+        loop {
+            let again = Instant::now() + Memory::look_again();
+            let until = (since + self.memory.patience()).min(again);
+            let error =
+                ready!(self.passed(Some(until), "nothing of the answer was taken", context));
+            if since + self.memory.patience() <= Instant::now() {
+                return Poll::Ready(Err(error));
+            }
+        }
     }
 }
 
@@ -168,7 +178,7 @@ mod tests {
     async fn a_silent_connection_ends_and_one_that_spoke_stays() {
         for (says, ends) in [(0, true), (PREFACE_BYTES - 1, true), (PREFACE_BYTES, false)] {
             let (mut client, stream) = duplex(1024);
-            let mut socket = Socket::new(stream, SHORT);
+            let mut socket = Socket::new(stream, Arc::default());
             socket.read_within(SHORT, PREFACE_BYTES);
             socket.unread(Bytes::from_static(b"xy").slice(..says.min(2)));
             let more = vec![b'x'; says.saturating_sub(2)];
@@ -190,21 +200,44 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn an_answer_that_nobody_takes_ends_the_connection() {
-        let (mut client, stream) = duplex(16);
-        let mut socket = Socket::new(stream, SHORT);
+    async fn an_answer_that_nobody_takes_ends_the_connection_soon_where_memory_is_short() {
+        for short in [false, true] {
+            let memory = Arc::new(Memory::default());
+            let _held = short.then(|| memory.keep(Bytes::from(vec![0; 64 << 20])));
+            let patience = memory.patience();
+            let (mut client, stream) = duplex(16);
+            let mut socket = Socket::new(stream, Arc::clone(&memory));
+            let began = Instant::now();
+            // A slow client: 8 bytes at a time, each within the time.
+            let slow = async {
+                for _ in 0..4 {
+                    tokio::time::sleep(patience * 3 / 4).await;
+                    client.read_exact(&mut [0; 8]).await.expect("reads");
+                }
+            };
+            let (written, ()) = tokio::join!(socket.write_all(&[7; 64]), slow);
+            let kind = written.expect_err("the client stopped").kind();
+            assert_eq!(kind, io::ErrorKind::TimedOut);
+            assert_eq!(began.elapsed(), patience * 4);
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn patience_ends_when_memory_gets_short() {
+        let memory = Arc::new(Memory::default());
+        let (_client, stream) = duplex(16);
+        let mut socket = Socket::new(stream, Arc::clone(&memory));
         let began = Instant::now();
-        let answer = [7; 64];
-        // A slow client: 8 bytes at a time, each within the time.
-        let slow = async {
-            for _ in 0..4 {
-                tokio::time::sleep(SHORT * 3 / 4).await;
-                client.read_exact(&mut [0; 8]).await.expect("reads");
-            }
+        let fills = async {
+            tokio::time::sleep(Duration::from_secs(11)).await;
+            memory.keep(Bytes::from(vec![0; 64 << 20]))
         };
-        let (written, ()) = tokio::join!(socket.write_all(&answer), slow);
-        let kind = written.expect_err("the client stopped").kind();
-        assert_eq!(kind, io::ErrorKind::TimedOut);
-        assert_eq!(began.elapsed(), SHORT * 4);
+        let (written, _held) = tokio::join!(socket.write_all(&[7; 64]), fills);
+        assert!(written.is_err());
+        assert!(
+            (11..=14).contains(&began.elapsed().as_secs()),
+            "{:?}",
+            began.elapsed()
+        );
     }
 }

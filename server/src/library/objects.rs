@@ -172,28 +172,24 @@ impl Library {
         self.pieces(&object_path(hash), range)
     }
 
-    /// All of an object of `bytes` in pieces; the last one comes only if all of them have the object's hash.
-    pub fn checked_pieces(
+    /// That `hasher`, which has seen all `bytes` of an object, found the object's name.
+    ///
+    /// # Errors
+    /// [`LibraryError::Damaged`] where it found another.
+    pub fn check_hash(
         &self,
         hash: &ContentHash,
+        hasher: ContentHasher,
         bytes: u64,
-    ) -> impl Stream<Item = Result<Bytes, LibraryError>> + Send + use<> {
-        let (library, hash) = (self.clone(), *hash);
-        let mut hasher = ContentHasher::default();
-        let mut left = bytes;
-        self.object_pieces(&hash, 0..bytes).map(move |piece| {
-            let piece = piece?;
-            hasher.update(&piece);
-            left -= piece.len() as u64;
-            if left == 0 {
-                let found = std::mem::take(&mut hasher).finish();
-                if found != hash {
-                    let path = object_path(&hash);
-                    return Err(library.damaged(path.as_ref(), wrong_hash(&hash, &found, bytes)));
-                }
+    ) -> Result<(), LibraryError> {
+        let found = hasher.finish();
+        match found == *hash {
+            true => Ok(()),
+            false => {
+                let error = wrong_hash(hash, &found, bytes);
+                Err(self.damaged(object_path(hash).as_ref(), error))
             }
-            Ok(piece)
-        })
+        }
     }
 
     pub(super) fn pieces(
@@ -226,12 +222,8 @@ impl Library {
         while let Some(piece) = pieces.try_next().await? {
             hasher.update(&piece);
         }
-        let found = hasher.finish();
-        if found == *hash {
-            Ok(entry.bytes)
-        } else {
-            Err(self.damaged(path.as_ref(), wrong_hash(hash, &found, entry.bytes)))
-        }
+        self.check_hash(hash, hasher, entry.bytes)?;
+        Ok(entry.bytes)
     }
 
     /// Every file below `objects/`, in no order, also those that are no objects.
