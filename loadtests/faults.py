@@ -31,8 +31,8 @@ BIN = ROOT / os.environ.get("CARGO_TARGET_DIR", "target") / "release"
 OUT = ROOT / "target/faults"
 SERVER = BIN / "lodestream-server"
 COMMANDS = ("ingest", "verify", "gc", "copy")
-# Twice the longest request to the store, and some.
-COMMAND_SECS = 90
+# Twice the longest request to the store, with all its retries, and some.
+COMMAND_SECS = 150
 # Runs of a command that a fault meets on their way.
 MIDDLES = int(os.environ.get("MIDDLES", "2"))
 # Slow ones first: they wait while others work.

@@ -110,12 +110,16 @@ def bodies(rig) -> None:
     with rig.attack("64 posts of 15 MiB that stop") as row:
         # Each may be right so far: what comes is kept until it is whole, or its time is over.
         row.attempts = 64
-        peers = []
+        peers, refused = [], 0
         for _ in range(row.attempts):
             peer = connect(rig.port)
             peers.append(peer)
-            peer.sendall(HEAD + b"Content-Length: %d\r\n\r\n" % MOST_BYTES + b" " * (15 << 20))
+            try:
+                peer.sendall(HEAD + b"Content-Length: %d\r\n\r\n" % MOST_BYTES + b" " * (15 << 20))
+            except OSError:
+                # Told 503 and closed: there is room for no more.
+                refused += 1
         time.sleep(2)
-        row.note(f"{rig.server.status('VmRSS'):.0f} MB held")
+        row.note(f"{rig.server.status('VmRSS'):.0f} MB held, {refused} refused")
         for peer in peers:
             reset(peer)

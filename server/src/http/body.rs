@@ -21,7 +21,7 @@ use super::page_cache::{RUN_BYTES, Slices, runs};
 use crate::library::LibraryError;
 
 /// Bytes of a piece of a longer answer.
-const PIECE_BYTES: u64 = 1024 * 1024;
+const PIECE_BYTES: u64 = RUN_BYTES;
 
 /// The bytes of `range` of an object; longer ones are read piece by piece, as the client takes them, and of a whole object the last piece
 /// goes out only if all have the object's hash.

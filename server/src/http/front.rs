@@ -11,7 +11,9 @@ use std::time::Instant;
 
 use axum::Router;
 use axum::body::{Body, HttpBody};
-use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE, ETAG, HOST, IF_NONE_MATCH};
+use axum::http::header::{
+    CACHE_CONTROL, CONNECTION, CONTENT_LENGTH, CONTENT_TYPE, ETAG, HOST, IF_NONE_MATCH,
+};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, Request, Response, Version};
 use axum::response::IntoResponse;
 use bytes::Bytes;
@@ -133,6 +135,9 @@ impl Front {
         metrics.began();
         metrics.finished("none", 400, 0, 0.0);
         let mut response = error.into_response();
+        // What follows on the connection may be part of this request for somebody else.
+        let close = HeaderValue::from_static("close");
+        response.headers_mut().insert(CONNECTION, close);
         cors::open(response.headers_mut());
         Some(response.map(FrontBody::Routed))
     }

@@ -10,9 +10,9 @@ use bytes::Bytes;
 use tokio::sync::Notify;
 
 /// Most bytes beside the cache.
-const BESIDE_BYTES: u64 = 32 * 1024 * 1024;
+const BESIDE_BYTES: u64 = 24 * 1024 * 1024;
 /// How long a client may take nothing of its answer.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(40);
 /// The same where memory is short.
 const SHORT_PATIENCE: Duration = Duration::from_secs(2);
 

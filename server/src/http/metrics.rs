@@ -19,10 +19,14 @@ const BUCKETS_SECS: [f64; 14] = [
     0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0,
 ];
 
+/// Most scenes that are told apart; the others are counted under no name.
+const MAX_SCENES: usize = 1000;
+
 /// Counters since the start.
 #[derive(Debug, Default)]
 pub(super) struct Metrics {
     routes: Mutex<BTreeMap<String, RouteCounters>>,
+    scenes: Mutex<BTreeMap<String, u64>>,
     pages: AtomicU64,
     in_flight: AtomicI64,
 }
@@ -40,6 +44,14 @@ impl Metrics {
     /// Counts pages that went into an answer.
     pub(super) fn pages_sent(&self, pages: u64) {
         self.pages.fetch_add(pages, Ordering::Relaxed);
+    }
+
+    /// Counts that a scene was opened.
+    pub(super) fn opened(&self, scene: &str) {
+        let mut scenes = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
+        let told = scenes.contains_key(scene) || scenes.len() < MAX_SCENES;
+        let name = if told { scene } else { "" };
+        *scenes.entry(name.to_owned()).or_default() += 1;
     }
 
     /// Counts a request that is not finished.
@@ -118,6 +130,19 @@ impl Metrics {
             )?;
             writeln!(text, "{name}_sum{{route=\"{route}\"}} {}", counters.seconds)?;
             writeln!(text, "{name}_count{{route=\"{route}\"}} {count}")?;
+        }
+        let scenes = self
+            .scenes
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        let help = "Openings of a scene; beyond the first thousand scenes those of all others, under no name.";
+        family(text, "scene_opens_total", "counter", help)?;
+        for (scene, count) in scenes {
+            writeln!(
+                text,
+                "lodestream_scene_opens_total{{scene=\"{scene}\"}} {count}"
+            )?;
         }
         family(
             text,

@@ -39,6 +39,7 @@ pub(super) async fn open(
     if etag::is_held(&request, &tag) {
         return Ok(etag::not_modified(tag, REVALIDATE));
     }
+    state.0.metrics.opened(&name);
     let headers = [(CONTENT_TYPE, wire::MEDIA_TYPE)];
     let response = |body| ([REVALIDATE], [(ETAG, tag)], headers, body).into_response();
     if method == Method::HEAD {

@@ -32,10 +32,10 @@ const OF_SERVERS: Patience = Patience {
     retries: 4,
     longest: Duration::from_secs(20),
 };
-/// Where hours of work would be lost.
+/// Where hours of work would be lost: a store may be away for ten seconds.
 const OF_COMMANDS: Patience = Patience {
-    retries: 12,
-    longest: Duration::from_secs(180),
+    retries: 7,
+    longest: Duration::from_secs(30),
 };
 
 impl Library {
