@@ -34,7 +34,7 @@ Answer = collections.namedtuple("Answer", "status body secs")
 
 
 def ask(port, path, post=None, part=None, bound=BOUND_SECS):
-    """The status is "cut" for an answer that broke off, and "hung" for one that was not whole in time."""
+    """The status is "cut" for an answer that broke off, "hung" for one of which nothing came for a while, "still coming" for one that was not whole in time."""
     start, status, body = time.monotonic(), "cut", b""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=bound)
     try:
@@ -44,9 +44,11 @@ def ask(port, path, post=None, part=None, bound=BOUND_SECS):
         while piece := answer.read1(1 << 16):
             body += piece
             if time.monotonic() - start > bound:
-                raise TimeoutError
-        # What is still missing of the length that was promised.
-        status = "cut" if answer.length else answer.status
+                status = "still coming"
+                break
+        else:
+            # What is still missing of the length that was promised.
+            status = "cut" if answer.length else answer.status
     except TimeoutError:
         status = "hung"
     except (OSError, http.client.HTTPException):
@@ -170,7 +172,7 @@ class Serve:
             self.counts[judged] += 1
             if judged != "right":
                 self.error_secs = max(self.error_secs, answer.secs)
-                text = answer.body.decode(errors="replace") if answer.status not in (200, 206, "cut", "hung") else ""
+                text = answer.body.decode(errors="replace") if answer.status not in (200, 206, "cut", "hung", "still coming") else ""
                 self.note(judged, text, kind, answer.secs)
                 if text and (not re.fullmatch(r"[^\n]{8,200}\n", text) or re.search("s3:|http:|127[.]", text)):
                     self.break_(f"{judged} with the text {text!r}")

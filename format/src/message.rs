@@ -28,6 +28,19 @@ pub(crate) fn encode(magic: [u8; 4], value: &impl bincode::Encode) -> Result<Vec
     Ok(bytes)
 }
 
+/// Most bytes of memory for one of the message: a text that is empty takes one there and 24 here.
+const MOST_MEMORY_A_BYTE: usize = 32;
+/// Limits of bincode, which makes room for as many items as a list claims before it reads them.
+const SMALL: usize = 2 << 20;
+const MIDDLE: usize = 32 << 20;
+const LARGE: usize = 256 << 20;
+
+fn decode_within<T: bincode::Decode<()>, const LIMIT: usize>(
+    plain: &[u8],
+) -> Result<(T, usize), bincode::error::DecodeError> {
+    bincode::decode_from_slice(plain, bincode::config::standard().with_limit::<LIMIT>())
+}
+
 pub(crate) fn decode<T: bincode::Decode<()>>(
     magic: [u8; 4],
     bytes: &[u8],
@@ -69,8 +82,13 @@ pub(crate) fn decode<T: bincode::Decode<()>>(
     )?;
     let plain = zstd::bulk::decompress(packed, length as usize)
         .map_err(|error| FormatError::new(&at, "zstd", error))?;
-    let (value, used) = bincode::decode_from_slice(&plain, config())
-        .map_err(|error| FormatError::new(&at, "bincode", error))?;
+    let decoded = match plain.len() * MOST_MEMORY_A_BYTE {
+        memory if memory <= SMALL => decode_within::<T, SMALL>(&plain),
+        memory if memory <= MIDDLE => decode_within::<T, MIDDLE>(&plain),
+        memory if memory <= LARGE => decode_within::<T, LARGE>(&plain),
+        _ => decode_within::<T, MAX_MESSAGE_BYTES>(&plain),
+    };
+    let (value, used) = decoded.map_err(|error| FormatError::new(&at, "bincode", error))?;
     ensure(
         used == plain.len(),
         &at,

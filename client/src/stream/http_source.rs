@@ -139,6 +139,7 @@ impl HttpSource {
     pub(crate) async fn scenes(&self) -> Result<Vec<SceneEntry>, StreamError> {
         let mut scenes: Vec<SceneEntry> = Vec::new();
         let mut url = format!("{}/v1/scenes", self.base);
+        let mut last = String::new();
         loop {
             let json = self.get_bytes(&url).await?;
             let page: ScenesPage = serde_json::from_slice(&json).map_err(|error| {
@@ -150,12 +151,13 @@ impl HttpSource {
             };
             // Checked: the name goes into a URL, and pages that do not advance would never end.
             scene_path(&after).map_err(StreamError::format(&url))?;
-            let next = format!("{}/v1/scenes?after={after}", self.base);
-            if next == url {
-                let error = FormatError::new("next", "a name after the last", &after);
+            if after <= last {
+                let expected = format!("a name after {last:?}");
+                let error = FormatError::new("next", expected, &after);
                 return Err(StreamError::format(&url)(error));
             }
-            url = next;
+            url = format!("{}/v1/scenes?after={after}", self.base);
+            last = after;
         }
     }
 

@@ -109,7 +109,7 @@ pub(super) async fn pages_body(
 
 /// The status is out by then: where a piece fails the connection is cut, and the client sees fewer bytes than were promised.
 fn streamed(pieces: impl Stream<Item = Result<Bytes, LibraryError>> + Send + 'static) -> Body {
-    Body::from_stream(pieces.inspect_err(|error| error_log::cut_short(error)))
+    Body::from_stream(pieces.inspect_err(error_log::cut_short))
 }
 
 impl HttpBody for Slices {

@@ -10,7 +10,7 @@ use super::AppState;
 use super::error::{HttpError, TEXT};
 
 /// Longest wait for the store.
-const STORE_TIMEOUT: Duration = Duration::from_secs(5);
+const STORE_TIMEOUT: Duration = Duration::from_secs(4);
 
 type Text = ([(HeaderName, HeaderValue); 2], &'static str);
 

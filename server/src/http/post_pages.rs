@@ -1,6 +1,6 @@
 //! `POST /v1/pages`: many ranges of many assets at once; pages stream back, most urgent first.
 //!
-//! Memory of one answer: `ANSWERS_AHEAD` + `READS_AHEAD` + 2 reads of about `JOIN_BYTES`, whatever was asked for. The answer ends early, with
+//! Memory of one answer: `READS_AHEAD` + 1 reads of about `JOIN_BYTES`, whatever was asked for. The answer ends early, with
 //! its end block, when a later post of the same viewer comes; with nothing, when the connection goes.
 
 use std::sync::Arc;
@@ -16,7 +16,6 @@ use futures_util::stream::{self, BoxStream};
 use futures_util::{FutureExt, StreamExt};
 use lodestream_format::wire::{self, BlockKind, PageStatus, PagesPost};
 use lodestream_format::{Asset, FormatError};
-use tokio::sync::mpsc;
 use tracing::Instrument;
 
 use super::AppState;
@@ -25,7 +24,6 @@ use super::error_log;
 use super::fair::Asker;
 use super::page_cache::Slices;
 use super::page_plan::{PagePlan, Run};
-use super::viewers::Turn;
 use crate::library::LibraryError;
 
 /// Most bytes of a post: `MAX_PAGES_A_REQUEST` wants of one page each, at their longest.
@@ -34,10 +32,6 @@ const MAX_POST_BYTES: usize = 16 * 1024 * 1024;
 pub(super) const POSTS_BYTES: usize = 2 * MAX_POST_BYTES;
 /// Longest time for a post's body to come.
 const BODY_TIMEOUT: Duration = Duration::from_secs(30);
-/// An answer of which nothing is taken for so long is given up.
-const STALL_TIMEOUT: Duration = Duration::from_secs(60);
-/// Reads that wait for the connection to take them.
-const ANSWERS_AHEAD: usize = 2;
 /// Reads of one answer at once: a store far away is waited for once and not for every run. They end in the order in which they are sent.
 const READS_AHEAD: usize = 4;
 /// Pages of one run where nothing is read.
@@ -52,13 +46,11 @@ pub(super) async fn post_pages(
     let plan = PagePlan::new(&post)?;
     let asker = Asker::Viewer(post.viewer);
     let turn = state.0.viewers.enter(post.viewer, post.sequence);
-    let (sender, receiver) = mpsc::channel(ANSWERS_AHEAD);
-    tokio::spawn(answer(state, plan, asker, turn, sender).in_current_span());
-    let runs = stream::unfold(receiver, |mut receiver| async {
-        let run: Vec<Bytes> = receiver.recv().await?;
-        Some((stream::iter(run), receiver))
-    });
-    let blocks = runs.flatten().map(Ok::<_, std::convert::Infallible>);
+    // Polled as the connection takes it: nothing runs for a client that does not read.
+    let runs = runs(state, plan, asker).take_until(turn.ended());
+    let end = stream::once(async { vec![Bytes::copy_from_slice(&wire::end_block())] });
+    let blocks = runs.chain(end).flat_map(stream::iter);
+    let blocks = blocks.map(Ok::<_, std::convert::Infallible>);
     let headers = [
         (CONTENT_TYPE, wire::MEDIA_TYPE),
         (CACHE_CONTROL, "no-store"),
@@ -108,41 +100,15 @@ async fn read_post(state: &AppState, request: Request) -> Result<PagesPost, Http
     })
 }
 
-/// Sends run after run, until done, superseded, or nobody listens.
-async fn answer(
-    state: AppState,
-    plan: PagePlan,
-    asker: Asker,
-    mut turn: Turn,
-    sender: mpsc::Sender<Vec<Bytes>>,
-) {
-    let mut blocks = blocks(state, plan, asker);
-    loop {
-        let block = tokio::select! {
-            biased;
-            () = turn.superseded() => break,
-            () = sender.closed() => return,
-            block = blocks.next() => block,
-        };
-        let Some(block) = block else {
-            break;
-        };
-        tokio::select! {
-            biased;
-            () = turn.superseded() => break,
-            sent = sender.send_timeout(block, STALL_TIMEOUT) => if sent.is_err() { return },
-        }
-    }
-    let end = vec![Bytes::copy_from_slice(&wire::end_block())];
-    // An error means that nobody listens any longer.
-    let _ = sender.send_timeout(end, STALL_TIMEOUT).await;
-}
-
 /// The blocks of run after run.
-fn blocks(state: AppState, plan: PagePlan, asker: Asker) -> BoxStream<'static, Vec<Bytes>> {
-    let reads = stream::unfold((state, plan), move |(state, mut plan)| async move {
-        let read = next_read(state.clone(), &mut plan, asker).await?;
-        Some((read, (state, plan)))
+fn runs(state: AppState, plan: PagePlan, asker: Asker) -> BoxStream<'static, Vec<Bytes>> {
+    let span = tracing::Span::current();
+    let reads = stream::unfold((state, plan), move |(state, mut plan)| {
+        let span = span.clone();
+        async move {
+            let read = next_read(state.clone(), &mut plan, asker).await?;
+            Some((read.instrument(span), (state, plan)))
+        }
     });
     reads.buffered(READS_AHEAD).boxed()
 }

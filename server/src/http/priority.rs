@@ -131,7 +131,7 @@ pub(super) fn urgency(request: &HeaderMap) -> u8 {
     // Of a key that comes twice the last one counts (RFC 8941, section 3.2).
     members
         .filter_map(urgency)
-        .last()
+        .next_back()
         .unwrap_or(DEFAULT_URGENCY)
 }
 

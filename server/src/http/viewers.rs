@@ -85,6 +85,11 @@ impl Table {
 }
 
 impl Turn {
+    /// [`Turn::superseded`], with the turn.
+    pub(super) async fn ended(mut self) {
+        self.superseded().await;
+    }
+
     /// Waits until a later post of the viewer comes; for ever if the viewer has been forgotten.
     pub(super) async fn superseded(&mut self) {
         let sequence = self.sequence;

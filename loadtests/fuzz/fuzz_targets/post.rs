@@ -1,0 +1,3 @@
+#![no_main]
+
+lodestream_fuzz::fuzz!(post);
