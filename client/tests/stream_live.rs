@@ -233,10 +233,23 @@ fn a_page_that_fails_its_hash_is_never_installed() {
     std::fs::write(&pack, bytes).unwrap();
     let bad = scene.opened.assets[1].page_base + bad_local;
 
-    for (source, transport) in [
-        (place.folder.clone(), Transport::Get),
-        (serve(&runtime, &place.folder), Transport::Get),
-        (serve(&runtime, &place.folder), Transport::Post),
+    // A server finds it before the viewer does.
+    for (source, transport, failure) in [
+        (
+            place.folder.clone(),
+            Transport::Get,
+            "expected bytes that hash to",
+        ),
+        (
+            serve(&runtime, &place.folder),
+            Transport::Get,
+            "expected status 200, found 500",
+        ),
+        (
+            serve(&runtime, &place.folder),
+            Transport::Post,
+            "a failure of the store",
+        ),
     ] {
         let source = Source::connect(&source).unwrap();
         let opened = Arc::new(runtime.block_on(source.open("made")).unwrap());
@@ -259,12 +272,8 @@ fn a_page_that_fails_its_hash_is_never_installed() {
         assert!(!gpu.is_installed(bad) && !streamer.is_settled());
         let stats = streamer.stats();
         assert_eq!(stats.pages_failed, 1);
-        assert!(
-            stats
-                .last_failure
-                .unwrap()
-                .contains("expected bytes that hash to")
-        );
+        let last_failure = stats.last_failure.unwrap();
+        assert!(last_failure.contains(failure), "{last_failure}");
         let wanted = scene.requests(eye, false, 1.0);
         let installed = wanted
             .iter()

@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 use std::time::Instant;
 
+use lodestream_format::disk_form::DiskForm;
 use tokio::task::AbortHandle;
 
+use super::error::StreamError;
 use super::order::Fetch;
 use super::page_check::{decode_page, split_frames};
 use super::source::blocking;
@@ -42,37 +44,61 @@ impl Drop for GetTransport {
 }
 
 async fn get(fetch: Fetch, shared: Shared) {
-    let opened = &shared.scene.assets[fetch.asset_index];
     let (first, last) = (fetch.first_page, fetch.last_page);
-    let answer = shared.source.pages(opened, first, last).await;
-    let came = Instant::now();
-    let frames =
-        answer.and_then(|bytes| split_frames(&opened.hash, &opened.asset, first, last, &bytes));
-    let scene_page = |local: u32| opened.page_base + local;
-    // The receiver is gone when the streamer is: then nobody needs to know.
-    let tell = |page, result| {
-        let result = Box::new(result);
-        let _ = shared.messages.send(Message::Page { page, came, result });
-    };
-    match frames {
-        Err(error) => (first..=last).for_each(|local| tell(scene_page(local), Err(error.clone()))),
-        Ok(frames) => {
-            for (local, frame) in (first..).zip(frames) {
-                let _permit = shared.decoders.acquire().await;
-                let (scene, asset_index) = (shared.scene.clone(), fetch.asset_index);
-                let decoded = blocking(move || {
-                    let opened = &scene.assets[asset_index];
-                    decode_page(
-                        &opened.hash,
-                        &opened.asset,
-                        &opened.hierarchy,
-                        local,
-                        &frame,
-                    )
-                });
-                tell(scene_page(local), decoded.await);
+    if let Err(error) = get_range(&fetch, first, last, &shared).await {
+        // One page that the server finds damaged fails the whole range: the others still come.
+        let damaged = matches!(error, StreamError::Status { status: 500, .. });
+        for page in first..=last {
+            let again = match damaged && first < last {
+                true => get_range(&fetch, page, page, &shared).await,
+                false => Err(error.clone()),
+            };
+            if let Err(error) = again {
+                tell(&shared, &fetch, page, Instant::now(), Err(error));
             }
         }
     }
     let _ = shared.messages.send(Message::GetEnded { fetch: fetch.id });
+}
+
+/// Tells of every page of a range, or of none and why.
+async fn get_range(
+    fetch: &Fetch,
+    first: u32,
+    last: u32,
+    shared: &Shared,
+) -> Result<(), StreamError> {
+    let opened = &shared.scene.assets[fetch.asset_index];
+    let bytes = shared.source.pages(opened, first, last).await?;
+    let came = Instant::now();
+    let frames = split_frames(&opened.hash, &opened.asset, first, last, &bytes)?;
+    for (local, frame) in (first..).zip(frames) {
+        let _permit = shared.decoders.acquire().await;
+        let (scene, asset_index) = (shared.scene.clone(), fetch.asset_index);
+        let decoded = blocking(move || {
+            let opened = &scene.assets[asset_index];
+            decode_page(
+                &opened.hash,
+                &opened.asset,
+                &opened.hierarchy,
+                local,
+                &frame,
+            )
+        });
+        tell(shared, fetch, local, came, decoded.await);
+    }
+    Ok(())
+}
+
+/// The receiver is gone when the streamer is: then nobody needs to know.
+fn tell(
+    shared: &Shared,
+    fetch: &Fetch,
+    local: u32,
+    came: Instant,
+    result: Result<DiskForm, StreamError>,
+) {
+    let page = shared.scene.assets[fetch.asset_index].page_base + local;
+    let result = Box::new(result);
+    let _ = shared.messages.send(Message::Page { page, came, result });
 }

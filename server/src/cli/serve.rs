@@ -14,11 +14,8 @@ use crate::library::Library;
 /// Serves a library.
 pub(super) fn serve(args: ServeArgs) -> Result<(), CommandError> {
     let library = Library::open_to_serve(&args.library)?;
-    let mut builder = tokio::runtime::Builder::new_multi_thread();
-    if let Some(threads) = args.threads {
-        builder.worker_threads(threads);
-    }
-    let runtime = builder
+    // It accepts; threads of their own serve.
+    let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .map_err(CommandError::Runtime)?;
@@ -27,7 +24,12 @@ pub(super) fn serve(args: ServeArgs) -> Result<(), CommandError> {
             address: args.listen.clone(),
             cause,
         };
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let server = Server::bind(&args.listen).await.map_err(listen)?;
+        let threads = args.threads.unwrap_or(threads);
+        let server = server
+            .with_threads(threads)
+            .map_err(CommandError::Runtime)?;
         let stop = StopSignal::install().map_err(CommandError::Runtime)?;
         let (server, scheme) = match (&args.tls_cert, &args.tls_key) {
             (Some(certificates), Some(key)) => {

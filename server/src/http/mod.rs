@@ -33,6 +33,7 @@ pub mod tls;
 pub mod tokens;
 pub mod uploads;
 mod viewers;
+mod workers;
 
 use axum::Router;
 use axum::http::HeaderMap;

@@ -21,6 +21,7 @@ use super::front::Front;
 use super::http1;
 use super::socket::{PREFACE_BYTES, Socket};
 use super::tls::Tls;
+use super::workers::Workers;
 
 /// Longest wait for a request's head, also between two requests of one connection.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
@@ -42,6 +43,7 @@ pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
     tls: Option<Tls>,
+    workers: Option<Workers>,
 }
 
 impl Server {
@@ -53,6 +55,15 @@ impl Server {
             listener,
             address,
             tls: None,
+            workers: None,
+        })
+    }
+
+    /// Serves connections on `threads` of its own, and not on the runtime that it runs on.
+    pub fn with_threads(self, threads: usize) -> io::Result<Self> {
+        Ok(Self {
+            workers: Some(Workers::start(threads)?),
+            ..self
         })
     }
 
@@ -70,7 +81,7 @@ impl Server {
     }
 
     /// Serves until `shutdown` ends, then lets requests in flight finish, for up to ten seconds.
-    pub async fn run(self, state: AppState, shutdown: impl Future<Output = ()>) {
+    pub async fn run(mut self, state: AppState, shutdown: impl Future<Output = ()>) {
         let service = Front::new(state.clone());
         let connections = Arc::new(Semaphore::new(MAX_CONNECTIONS));
         let graceful = GracefulShutdown::new();
@@ -103,7 +114,13 @@ impl Server {
             };
             let (builder, service) = (builder.clone(), service.of(client));
             let (watcher, tls) = (graceful.watcher(), self.tls.clone());
-            tokio::spawn(async move {
+            let Ok(stream) = stream.into_std() else {
+                continue;
+            };
+            let served = async move {
+                let Ok(stream) = TcpStream::from_std(stream) else {
+                    return;
+                };
                 match tls {
                     None => connection(stream, &builder, service, watcher).await,
                     Some(tls) => {
@@ -113,7 +130,11 @@ impl Server {
                     }
                 }
                 drop(permit);
-            });
+            };
+            match &mut self.workers {
+                Some(workers) => workers.give(|| drop(tokio::spawn(served))),
+                None => drop(tokio::spawn(served)),
+            }
         }
         if let Some(reload) = reload {
             reload.abort();

@@ -123,12 +123,15 @@ async fn fill(library: &Library) -> (Asset, Vec<u8>, [(u8, ContentHash); 3]) {
         stored.expect("stores").0
     };
     let pack: Vec<u8> = (0..=255).collect();
-    let page = |(page, bytes): (u32, u32)| PageEntry {
-        offset: [0, 100, 150][page as usize],
-        bytes,
-        memory_words: 9,
-        hash: ContentHash([page as u8; 32]),
-        dependencies: (0..page).collect(),
+    let page = |(page, bytes): (u32, u32)| {
+        let offset = [0, 100, 150][page as usize];
+        PageEntry {
+            offset,
+            bytes,
+            memory_words: 9,
+            hash: ContentHash::of(&pack[offset as usize..][..bytes as usize]),
+            dependencies: (0..page).collect(),
+        }
     };
     let unit = [
         [1.0, 0.0, 0.0, 0.0],
