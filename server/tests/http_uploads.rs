@@ -295,7 +295,7 @@ async fn a_conditional_upload_replaces_what_it_names_or_nothing() {
     let wrong = put("base", "if-match", "\"x\"".to_owned(), sheets(5))
         .await
         .unwrap();
-    assert_eq!(wrong.status(), StatusCode::BAD_REQUEST);
+    assert_eq!(wrong.status(), StatusCode::PRECONDITION_FAILED);
     let first = put("base", "if-match", tag.clone(), sheets(6))
         .await
         .unwrap();

@@ -17,6 +17,9 @@ pub(super) enum HttpError {
     /// The request is not what the route takes.
     #[error("{0}")]
     BadRequest(FormatError),
+    /// A condition that no scene can meet.
+    #[error("{0}")]
+    Precondition(FormatError),
     /// No such route, scene, object or page.
     #[error("{0}")]
     NotFound(String),
@@ -68,6 +71,7 @@ impl HttpError {
             Self::NotFound(_) => StatusCode::NOT_FOUND,
             Self::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
             Self::NoToken => StatusCode::UNAUTHORIZED,
+            Self::Precondition(_) => StatusCode::PRECONDITION_FAILED,
             Self::NoUploads => StatusCode::FORBIDDEN,
             Self::UnknownKind(_) => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::Full => StatusCode::INSUFFICIENT_STORAGE,

@@ -10,7 +10,7 @@ use super::AppState;
 use super::error::{HttpError, TEXT};
 
 /// Longest wait for the store.
-const STORE_TIMEOUT: Duration = Duration::from_secs(4);
+const STORE_TIMEOUT: Duration = Duration::from_secs(3);
 
 type Text = ([(HeaderName, HeaderValue); 2], &'static str);
 

@@ -148,8 +148,11 @@ pub(super) async fn upload(
 /// What a conditional upload replaces: `If-None-Match: *` nothing, `If-Match` the scene that a tag of this server names.
 fn replaces(headers: &HeaderMap) -> Result<Replaces, HttpError> {
     let wrong = |expected: &str, found: &HeaderValue| {
-        let found = format!("{found:?}");
-        HttpError::BadRequest(FormatError::new("condition", expected, found))
+        HttpError::Precondition(FormatError::new(
+            "condition",
+            expected,
+            format!("{found:?}"),
+        ))
     };
     if let Some(tag) = headers.get(IF_MATCH) {
         let scene = tag.to_str().ok().and_then(|tag| {
@@ -157,7 +160,7 @@ fn replaces(headers: &HeaderMap) -> Result<Replaces, HttpError> {
             let tag = tag.trim().trim_start_matches("W/").trim_matches('"');
             tag.split('.').next()?.parse().ok()
         });
-        let wrong = || wrong("If-Match: one tag, as GET gives it", tag);
+        let wrong = || wrong("If-Match: one tag of a scene, as GET gives it", tag);
         return scene.map(Replaces::Scene).ok_or_else(wrong);
     }
     match headers.get(IF_NONE_MATCH) {
