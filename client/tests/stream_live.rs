@@ -223,6 +223,7 @@ fn a_folder_takes_no_posts() {
 /// Invariant 6 from end to end: a byte of a pack changes on the disk; its page is never installed, the rest is.
 #[test]
 fn a_page_that_fails_its_hash_is_never_installed() {
+    use Transport::{Get, Post};
     let scene = make_scene(6, SIZE);
     let (place, runtime) = (library(&scene), runtime());
     let asset = &scene.assets[1].opened.asset;
@@ -233,23 +234,12 @@ fn a_page_that_fails_its_hash_is_never_installed() {
     std::fs::write(&pack, bytes).unwrap();
     let bad = scene.opened.assets[1].page_base + bad_local;
 
+    let served = || serve(&runtime, &place.folder);
     // A server finds it before the viewer does.
     for (source, transport, failure) in [
-        (
-            place.folder.clone(),
-            Transport::Get,
-            "expected bytes that hash to",
-        ),
-        (
-            serve(&runtime, &place.folder),
-            Transport::Get,
-            "expected status 200, found 500",
-        ),
-        (
-            serve(&runtime, &place.folder),
-            Transport::Post,
-            "a failure of the store",
-        ),
+        (place.folder.clone(), Get, "expected bytes that hash to"),
+        (served(), Get, "expected status 200, found 500"),
+        (served(), Post, "a failure of the store"),
     ] {
         let source = Source::connect(&source).unwrap();
         let opened = Arc::new(runtime.block_on(source.open("made")).unwrap());

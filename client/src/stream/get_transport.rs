@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::time::Instant;
 
-use lodestream_format::disk_form::DiskForm;
 use tokio::task::AbortHandle;
 
 use super::error::StreamError;
@@ -54,7 +53,8 @@ async fn get(fetch: Fetch, shared: Shared) {
                 false => Err(error.clone()),
             };
             if let Err(error) = again {
-                tell(&shared, &fetch, page, Instant::now(), Err(error));
+                let page = shared.scene.assets[fetch.asset_index].page_base + page;
+                shared.tell(page, Instant::now(), Err(error));
             }
         }
     }
@@ -85,20 +85,7 @@ async fn get_range(
                 &frame,
             )
         });
-        tell(shared, fetch, local, came, decoded.await);
+        shared.tell(opened.page_base + local, came, decoded.await);
     }
     Ok(())
-}
-
-/// The receiver is gone when the streamer is: then nobody needs to know.
-fn tell(
-    shared: &Shared,
-    fetch: &Fetch,
-    local: u32,
-    came: Instant,
-    result: Result<DiskForm, StreamError>,
-) {
-    let page = shared.scene.assets[fetch.asset_index].page_base + local;
-    let result = Box::new(result);
-    let _ = shared.messages.send(Message::Page { page, came, result });
 }

@@ -202,7 +202,6 @@ async fn decode(answer: PageAnswer, came: Instant, shared: Shared) {
                 .await
             }
         };
-        let result = Box::new(result);
-        let _ = shared.messages.send(Message::Page { page, came, result });
+        shared.tell(page, came, result);
     }
 }

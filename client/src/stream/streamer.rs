@@ -60,6 +60,14 @@ pub(crate) struct Shared {
     pub(crate) runtime: Handle,
 }
 
+impl Shared {
+    /// Tells of a page of the scene. The receiver is gone when the streamer is: then nobody needs to know.
+    pub(crate) fn tell(&self, page: u32, came: Instant, result: Result<DiskForm, StreamError>) {
+        let result = Box::new(result);
+        let _ = self.messages.send(Message::Page { page, came, result });
+    }
+}
+
 enum Sending {
     Get(GetTransport),
     Post(PostTransport),

@@ -8,9 +8,13 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use tokio::sync::Notify;
+use tokio::time::Instant;
 
 /// Most bytes beside the cache.
 const BESIDE_BYTES: u64 = 24 * 1024 * 1024;
+/// Longest wait for room, and the time between two looks.
+const LONGEST_WAIT: Duration = Duration::from_secs(10);
+const LOOK_AGAIN: Duration = Duration::from_millis(100);
 /// How long a client may take nothing of its answer.
 const PATIENCE: Duration = Duration::from_secs(40);
 /// The same where memory is short.
@@ -39,18 +43,22 @@ struct Kept {
 }
 
 impl Memory {
-    /// Waits until there is room for `bytes` more; a read that is alone always has it.
-    pub(super) async fn room(self: &Arc<Self>, bytes: u64) -> Room {
+    /// Waits until there is room for `bytes` more, while the cache holds what `cached` says; a read that is alone always has it. After
+    /// [`LONGEST_WAIT`] there is room anyway: an answer may hold later pages while it waits for its first ones.
+    pub(super) async fn room(self: &Arc<Self>, bytes: u64, cached: impl Fn() -> u64) -> Room {
+        let began = Instant::now();
         loop {
             let freed = self.freed.notified();
+            self.set_cached(cached());
             let room = self.take(bytes);
-            if self.beside() <= BESIDE_BYTES.max(bytes) {
+            if self.beside() <= BESIDE_BYTES.max(bytes) || began.elapsed() >= LONGEST_WAIT {
                 // There may be room for the next one too.
                 self.freed.notify_one();
                 return room;
             }
             room.give_back();
-            freed.await;
+            // The cache also makes room, and tells nobody.
+            let _ = tokio::time::timeout(LOOK_AGAIN, freed).await;
         }
     }
 
@@ -128,7 +136,6 @@ impl AsRef<[u8]> for Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use futures_util::FutureExt;
 
     const PIECE: u64 = 1024 * 1024;
 
@@ -136,7 +143,7 @@ mod tests {
     async fn what_is_beside_the_cache_is_bounded_and_every_read_has_its_turn() {
         let memory = Arc::new(Memory::default());
         let read = |memory: Arc<Memory>| async move {
-            let room = memory.room(PIECE).await;
+            let room = memory.room(PIECE, || 0).await;
             tokio::task::yield_now().await;
             let piece = room.keep(Bytes::from(vec![0; PIECE as usize]));
             assert!(memory.beside() <= BESIDE_BYTES);
@@ -150,8 +157,8 @@ mod tests {
         assert_eq!(memory.beside(), 0);
     }
 
-    #[test]
-    fn a_slice_keeps_its_piece_and_what_is_cached_does_not_count() {
+    #[tokio::test(start_paused = true)]
+    async fn a_slice_keeps_its_piece_and_what_is_cached_does_not_count() {
         let memory = Arc::new(Memory::default());
         let held: Vec<_> = (0..BESIDE_BYTES / PIECE)
             .map(|_| {
@@ -164,15 +171,21 @@ mod tests {
             (memory.beside(), memory.patience()),
             (BESIDE_BYTES, SHORT_PATIENCE)
         );
-        assert!(memory.room(1).now_or_never().is_none());
-        memory.set_cached(BESIDE_BYTES - PIECE);
+        // Nothing is freed, but the cache takes what was read: noticed at the next look.
+        let began = Instant::now();
+        let cached = || match began.elapsed() < LOOK_AGAIN {
+            true => 0,
+            false => BESIDE_BYTES - PIECE,
+        };
+        drop(memory.room(1, cached).await);
+        assert_eq!(began.elapsed(), LOOK_AGAIN);
         assert_eq!((memory.beside(), memory.patience()), (PIECE, PATIENCE));
-        assert!(memory.room(1).now_or_never().is_some());
-        drop(held);
-        memory.set_cached(0);
-        // Alone, however large.
-        let large = memory.room(3 * BESIDE_BYTES).now_or_never();
-        assert!(large.is_some());
-        assert!(memory.room(1).now_or_never().is_none());
+        // Alone, however large; beside others only after a while.
+        let large = memory.room(3 * BESIDE_BYTES, || BESIDE_BYTES).await;
+        let began = Instant::now();
+        drop(memory.room(1, || 0).await);
+        assert!(began.elapsed() >= LONGEST_WAIT);
+        drop((large, held));
+        assert_eq!(memory.alive.load(Ordering::Relaxed), 0);
     }
 }

@@ -155,8 +155,9 @@ impl PageCache {
         self.0.misses.fetch_add(1, Ordering::Relaxed);
         let read = async {
             let bytes = bytes_of(asset, &pages);
-            let room = self.room(bytes.end - bytes.start).await;
+            // The turn before the room: who waits for room waits in no order, and so must be few.
             let _turn = self.0.reads.enter(asker, bytes.end - bytes.start).await;
+            let room = self.room(bytes.end - bytes.start).await;
             let piece = room.keep(read_pages(library, asset, pages).await?);
             if library.is_remote() {
                 self.read_ahead(library, asset, number, asker);
@@ -195,8 +196,8 @@ impl PageCache {
 
     /// Waits for room for what is not, or not yet, in the cache.
     pub(super) async fn room(&self, bytes: u64) -> Room {
-        self.0.memory.set_cached(self.0.pieces.weight());
-        self.0.memory.room(bytes).await
+        let cached = || self.0.pieces.weight();
+        self.0.memory.room(bytes, cached).await
     }
 
     /// What answers hold.

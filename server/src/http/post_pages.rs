@@ -1,6 +1,6 @@
 //! `POST /v1/pages`: many ranges of many assets at once; pages stream back, most urgent first.
 //!
-//! Memory of one answer: `READS_AHEAD` + 1 reads of about `JOIN_BYTES`, whatever was asked for. The answer ends early, with
+//! Memory of one answer: `READS_AHEAD` + 1 reads of about `RUN_BYTES`, whatever was asked for. The answer ends early, with
 //! its end block, when a later post of the same viewer comes; with nothing, when the connection goes.
 
 use std::sync::Arc;
