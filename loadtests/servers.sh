@@ -73,4 +73,4 @@ for _ in $(seq 100); do
 done
 
 python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server" "$tls_server"
-python3 loadtests/servers_wire.py "$out" "$server"
+[ -n "${NO_WIRE-}" ] || python3 loadtests/servers_wire.py "$out" "$server"

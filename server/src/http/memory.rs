@@ -78,9 +78,14 @@ impl Memory {
         alive.saturating_sub(self.cached.load(Ordering::Relaxed))
     }
 
+    /// Whether half of what may be beside the cache is.
+    pub(super) fn is_short(&self) -> bool {
+        self.beside() > BESIDE_BYTES / 2
+    }
+
     /// How long a client may take nothing now.
     pub(super) fn patience(&self) -> Duration {
-        match self.beside() > BESIDE_BYTES / 2 {
+        match self.is_short() {
             true => SHORT_PATIENCE,
             false => PATIENCE,
         }

@@ -10,6 +10,7 @@ mod error_log;
 mod etag;
 mod fair;
 mod front;
+mod gather;
 mod health;
 mod http1;
 pub mod limits;

@@ -20,7 +20,7 @@ use tokio::time::{Instant, Sleep};
 use super::memory::Memory;
 
 /// Bytes of a connection that are handed over and not written.
-const AHEAD_BYTES: usize = 256 * 1024;
+const AHEAD_BYTES: usize = 128 * 1024;
 /// Most bytes of a piece.
 const PIECE_BYTES: usize = 64 * 1024;
 /// Where so long nothing was written, one more piece goes out: the client may have stopped to read the streams that hold what is ahead, and
@@ -40,6 +40,8 @@ pub(super) struct Sending {
 #[derive(Debug, Default)]
 struct State {
     ahead_bytes: usize,
+    /// Written, and not taken by the socket.
+    unsent_bytes: usize,
     /// When something ahead was written last, or began to be ahead.
     written: Option<Instant>,
     /// When something was handed over last.
@@ -66,6 +68,17 @@ impl Sending {
             body,
             turn: Some(turn),
             piece: Bytes::new(),
+        }
+    }
+
+    /// So many written bytes the socket did not take.
+    pub(super) fn unsent(&self, bytes: usize) {
+        let mut state = self.state();
+        let less = bytes < state.unsent_bytes;
+        state.unsent_bytes = bytes;
+        drop(state);
+        if less {
+            self.wake();
         }
     }
 
@@ -107,7 +120,7 @@ impl Sending {
 
 impl State {
     fn has_room(&self) -> bool {
-        self.ahead_bytes + PIECE_BYTES <= AHEAD_BYTES
+        self.ahead_bytes + self.unsent_bytes + PIECE_BYTES <= AHEAD_BYTES
     }
 }
 

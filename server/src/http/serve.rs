@@ -3,10 +3,11 @@
 //! `axum::serve` leaves Nagle's algorithm on (40 ms stalls) and hyper's header timeout without a timer (connections that are
 //! silent stay for ever), hence this loop.
 
-use std::future::Future;
+use std::future::{Future, poll_fn};
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::task::Poll;
 use std::time::Duration;
 
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
@@ -18,6 +19,7 @@ use tokio::sync::Semaphore;
 
 use super::AppState;
 use super::front::Front;
+use super::gather::Gather;
 use super::http1;
 use super::socket::{PREFACE_BYTES, Socket};
 use super::tls::Tls;
@@ -27,7 +29,7 @@ use super::workers::Workers;
 const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
 /// What a socket takes beyond what is on its way.
 #[cfg(target_os = "linux")]
-const UNSENT_BYTES: u32 = 128 * 1024;
+const UNSENT_BYTES: u32 = 64 * 1024;
 /// Time between two pings of a silent HTTP/2 connection, and for their answer.
 const PING: Duration = Duration::from_secs(20);
 /// Longest wait for requests in flight after a signal.
@@ -204,9 +206,18 @@ async fn connection<S>(
             socket.unread(read);
             socket.read_within(HEAD_TIMEOUT, PREFACE_BYTES);
             let sending = Arc::clone(service.sending());
-            let connection = builder.serve_connection(TokioIo::new(socket), service);
+            let gather = Gather::new(socket, Arc::clone(&memory));
+            let connection = builder.serve_connection(TokioIo::new(gather.clone()), service);
             // Boxed: many connections never get here, and this is most of their size.
-            let served = Box::pin(watcher.watch(connection.into_owned()));
+            let mut served = Box::pin(watcher.watch(connection.into_owned()));
+            let served = poll_fn(|context| {
+                let served = served.as_mut().poll(context);
+                match gather.poll_send(context) {
+                    Ok(unsent_bytes) => sending.unsent(unsent_bytes),
+                    Err(error) => return Poll::Ready(Err(error.into())),
+                }
+                served
+            });
             tokio::select! {
                 served = served => served,
                 () = sending.stalled(&memory) => Err("nothing of the answers was taken".into()),

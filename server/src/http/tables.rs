@@ -44,6 +44,9 @@ impl AssetTables {
         library: &Library,
         hash: &ContentHash,
     ) -> Result<Arc<Asset>, LibraryError> {
+        if let Some(asset) = self.held(hash) {
+            return Ok(asset);
+        }
         let cell = self.cell(hash);
         let asset = cell
             .get_or_try_init(|| async { library.asset(hash).await.map(Arc::new) })
