@@ -17,7 +17,8 @@ use super::AppState;
 use super::error::HttpError;
 use super::error_log;
 use super::fair::Asker;
-use super::page_cache::{RUN_BYTES, Slices, runs};
+use super::page_cache::{RUN_BYTES, runs};
+use super::slices::Slices;
 use crate::library::LibraryError;
 
 /// Bytes of a piece of a longer answer.
@@ -81,10 +82,7 @@ pub(super) async fn pages_body(
         return Ok(Body::empty());
     };
     let shared = &state.0;
-    let first = shared
-        .pages
-        .pages(&shared.library, asset, first, asker)
-        .await?;
+    let first = shared.pages.pages(asset, first, asker).await?;
     let mut runs = runs.peekable();
     if runs.peek().is_none() {
         return Ok(Body::new(first));
@@ -94,10 +92,7 @@ pub(super) async fn pages_body(
         let (state, asset) = (state.clone(), Arc::clone(&asset));
         async move {
             let shared = &state.0;
-            shared
-                .pages
-                .pages(&shared.library, &asset, run, asker)
-                .await
+            shared.pages.pages(&asset, run, asker).await
         }
     });
     let all = stream::once(async { Ok(first) }).chain(rest);

@@ -28,10 +28,10 @@ use super::error::HttpError;
 use super::etag::IMMUTABLE;
 use super::fair::Asker;
 use super::limits::Connected;
-use super::page_cache::Slices;
 use super::pages::{self, OCTETS, PAGES_ROUTE};
 use super::priority::{self, Paced, Sending};
 use super::requests::{Access, REQUEST_ID};
+use super::slices::Slices;
 use super::{AppState, cors, router};
 
 /// The service of every connection.
@@ -157,7 +157,7 @@ impl Front {
         if !is_small(bytes.end - bytes.start) {
             return None;
         }
-        let slices = shared.pages.held(&asset, first..=last)?;
+        let slices = shared.pages.held(&asset, first..=last, self.asker)?;
         // Written as it is parsed: the path is the tag.
         let tag = [b"\"", hash.as_bytes(), b".", range.as_bytes(), b"\""].concat();
         let mut headers = HeaderMap::with_capacity(8);

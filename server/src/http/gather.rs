@@ -2,7 +2,6 @@
 //! call's more than a byte's: copying frames into one buffer that stays in the processor's cache costs a tenth of what the calls do. What
 //! was gathered goes out when the connection has said all that it has to say for now.
 
-use std::cell::RefCell;
 use std::io::{self, IoSlice};
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,17 +9,13 @@ use std::task::{Context, Poll, ready};
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
+use super::buffers::Buffer;
 use super::memory::Memory;
 
 /// Most bytes that are gathered.
 pub(super) const GATHER_BYTES: usize = 64 * 1024;
 /// A write of so many is sent as it is.
 const LARGE_BYTES: usize = 32 * 1024;
-/// Empty buffers that a thread keeps, as most are needed only for moments.
-const SPARE: usize = 4;
-
-thread_local!(static BUFFERS: RefCell<Vec<Vec<u8>>> = const { RefCell::new(Vec::new()) });
-
 /// A stream that is written to in pieces and sends at [`Gather::poll_send`]; clones are handles.
 #[derive(Debug)]
 pub(super) struct Gather<S>(Arc<Mutex<Inner<S>>>);
@@ -28,9 +23,9 @@ pub(super) struct Gather<S>(Arc<Mutex<Inner<S>>>);
 #[derive(Debug)]
 struct Inner<S> {
     stream: S,
-    /// What was gathered; without memory of its own while that is nothing.
-    buffer: Vec<u8>,
-    /// So many of these bytes are sent.
+    /// What was gathered; none while that is nothing.
+    buffer: Option<Buffer>,
+    /// So many of its bytes are sent.
     sent: usize,
     /// What was sent has to be flushed.
     flushes: bool,
@@ -48,7 +43,7 @@ impl<S: AsyncWrite + Unpin> Gather<S> {
     pub(super) fn new(stream: S, memory: Arc<Memory>) -> Self {
         Self(Arc::new(Mutex::new(Inner {
             stream,
-            buffer: Vec::new(),
+            buffer: None,
             sent: 0,
             flushes: false,
             memory,
@@ -71,19 +66,22 @@ impl<S: AsyncWrite + Unpin> Gather<S> {
 
 impl<S: AsyncWrite + Unpin> Inner<S> {
     fn unsent_bytes(&self) -> usize {
-        self.buffer.len() - self.sent
+        self.buffer.as_ref().map_or(0, Buffer::len) - self.sent
     }
 
     fn poll_send(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        while self.unsent_bytes() > 0 {
-            let stream = Pin::new(&mut self.stream);
-            match ready!(stream.poll_write(context, &self.buffer[self.sent..]))? {
+        while let Some(unsent) = self
+            .buffer
+            .as_ref()
+            .map(|buffer| &buffer.as_ref()[self.sent..])
+            && !unsent.is_empty()
+        {
+            match ready!(Pin::new(&mut self.stream).poll_write(context, unsent))? {
                 0 => return Poll::Ready(Err(io::ErrorKind::WriteZero.into())),
                 bytes => self.sent += bytes,
             }
         }
-        self.sent = 0;
-        give_back(std::mem::take(&mut self.buffer));
+        (self.buffer, self.sent) = (None, 0);
         if self.flushes {
             ready!(Pin::new(&mut self.stream).poll_flush(context))?;
             self.flushes = false;
@@ -97,35 +95,20 @@ impl<S: AsyncWrite + Unpin> Inner<S> {
         context: &mut Context<'_>,
     ) -> Poll<io::Result<usize>> {
         let bytes = slices.iter().map(|slice| slice.len()).sum::<usize>();
-        if self.buffer.len() + bytes > GATHER_BYTES {
+        if self.sent + self.unsent_bytes() + bytes > GATHER_BYTES {
             ready!(self.poll_send(context))?;
         }
         self.flushes = true;
-        if self.buffer.is_empty() && (bytes >= LARGE_BYTES || self.memory.is_short()) {
+        if self.buffer.is_none() && (bytes >= LARGE_BYTES || self.memory.is_short()) {
             return Pin::new(&mut self.stream).poll_write_vectored(context, slices);
         }
-        if self.buffer.capacity() == 0 {
-            self.buffer = take_buffer();
-        }
+        let buffer = self.buffer.get_or_insert_with(Buffer::take);
+        let before = buffer.len();
         for slice in slices {
-            self.buffer.extend_from_slice(slice);
+            buffer.extend(slice);
         }
-        Poll::Ready(Ok(bytes))
+        Poll::Ready(Ok(buffer.len() - before))
     }
-}
-
-fn take_buffer() -> Vec<u8> {
-    let spare = BUFFERS.with_borrow_mut(Vec::pop);
-    spare.unwrap_or_else(|| Vec::with_capacity(GATHER_BYTES))
-}
-
-fn give_back(mut buffer: Vec<u8>) {
-    buffer.clear();
-    BUFFERS.with_borrow_mut(|buffers| {
-        if buffer.capacity() > 0 && buffers.len() < SPARE {
-            buffers.push(buffer);
-        }
-    });
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin> AsyncRead for Gather<S> {

@@ -24,9 +24,10 @@ use super::error_log;
 use super::etag::IMMUTABLE;
 use super::front::{Front, is_host};
 use super::objects::parse_hash;
-use super::page_cache::{Slices, runs};
+use super::page_cache::runs;
 use super::pages::{self, PAGES_ROUTE};
 use super::requests::{REQUEST_ID, new_id};
+use super::slices::Slices;
 use super::socket::Socket;
 
 /// Longest head that is read here; those of viewers have some 150 bytes.
@@ -212,11 +213,7 @@ impl Answer {
             run = runs.next().unwrap_or(run);
             answer.rest = Some((Arc::clone(&asset), Box::new(runs)));
         }
-        let library = &shared.library;
-        answer.begin = shared
-            .pages
-            .pages(library, &asset, run, front.asker())
-            .await?;
+        answer.begin = shared.pages.pages(&asset, run, front.asker()).await?;
         shared.metrics.pages_sent((last - first + 1) as u64);
         Ok(answer)
     }
@@ -281,9 +278,7 @@ impl Answer {
         };
         let shared = &front.state().0;
         for run in runs {
-            let pages = shared
-                .pages
-                .pages(&shared.library, &asset, run, front.asker());
+            let pages = shared.pages.pages(&asset, run, front.asker());
             let pages = pages.await.map_err(|error| {
                 error_log::cut_short(&error);
                 io::Error::other(error)

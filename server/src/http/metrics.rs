@@ -173,6 +173,7 @@ impl Metrics {
             ("hit", cache.hits),
             ("miss", cache.misses),
             ("ahead", cache.ahead),
+            ("resident", cache.resident),
         ] {
             writeln!(
                 text,

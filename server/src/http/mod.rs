@@ -4,6 +4,7 @@
 //! without a socket too.
 
 mod body;
+mod buffers;
 mod cors;
 mod error;
 mod error_log;
@@ -26,8 +27,10 @@ mod post_pages;
 mod priority;
 mod read_ahead;
 pub mod requests;
+mod resident;
 mod scenes;
 pub mod serve;
+mod slices;
 mod socket;
 mod tables;
 pub mod tls;
@@ -84,9 +87,9 @@ impl AppState {
     /// The same, with `limits` on every client.
     pub fn with_limits(library: Library, cache_bytes: usize, limits: ClientLimits) -> Self {
         Self(Arc::new(Shared {
+            pages: PageCache::new(library.clone(), cache_bytes - cache_bytes / 4),
             library,
             tables: AssetTables::new(cache_bytes / 4),
-            pages: PageCache::new(cache_bytes - cache_bytes / 4),
             viewers: Viewers::default(),
             posts: Semaphore::new(post_pages::POSTS_BYTES),
             metrics: Metrics::default(),

@@ -82,7 +82,7 @@ async fn asset_blocks(
     let (asset_object, hierarchy, root_pages) = futures_util::try_join!(
         library.object(&hash),
         library.object(&asset.hierarchy),
-        state.0.pages.pages(library, &asset, roots, asker),
+        state.0.pages.pages(&asset, roots, asker),
     )?;
     state.0.metrics.pages_sent(asset.root_page_count as u64);
     let memory = state.0.pages.memory();

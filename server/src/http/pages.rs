@@ -73,8 +73,8 @@ pub(super) fn bytes_of(asset: &Asset, first: u32, last: u32) -> Result<Range<u64
 /// One spelling only, so that a cache holds each range once: digits without leading zeros.
 pub(super) fn parse_pages(text: &str) -> Result<(u32, u32), HttpError> {
     let number = |text: &str| {
-        let value = text.parse::<u32>().ok()?;
-        (value.to_string() == text).then_some(value)
+        let plain = text == "0" || !text.starts_with(['0', '+']);
+        text.parse::<u32>().ok().filter(|_| plain)
     };
     text.split_once('-')
         .and_then(|(first, last)| Some((number(first)?, number(last)?)))

@@ -22,8 +22,8 @@ use super::AppState;
 use super::error::HttpError;
 use super::error_log;
 use super::fair::Asker;
-use super::page_cache::Slices;
 use super::page_plan::{PagePlan, Run};
+use super::slices::Slices;
 use crate::library::LibraryError;
 
 /// Most bytes of a post: `MAX_PAGES_A_REQUEST` wants of one page each, at their longest.
@@ -149,10 +149,7 @@ async fn read_run(state: &AppState, asset: &Arc<Asset>, run: Run, asker: Asker) 
     let mut read = Ok(Slices::default());
     if u64::from(run.first) < count {
         let pages = run.first..=*there.end() as u32;
-        read = shared
-            .pages
-            .pages(&shared.library, asset, pages, asker)
-            .await;
+        read = shared.pages.pages(asset, pages, asker).await;
     }
     let mut blocks = Vec::with_capacity(3 * (run.last - run.first) as usize + 3);
     let mut sent = 0;
@@ -170,13 +167,14 @@ async fn read_run(state: &AppState, asset: &Arc<Asset>, run: Run, asker: Asker) 
             Ok(read) => Some(read.take_bytes(entry.bytes as usize)),
             // One bad page never stops the rest.
             Err(LibraryError::Damaged { .. }) => {
-                let pages = shared
-                    .pages
-                    .pages(&shared.library, asset, page..=page, asker);
+                let pages = shared.pages.pages(asset, page..=page, asker);
                 pages.await.ok().map(Iterator::collect)
             }
             // A store that fails is not asked again for every page of the run.
-            Err(_) => shared.pages.held(asset, page..=page).map(Iterator::collect),
+            Err(_) => shared
+                .pages
+                .held(asset, page..=page, asker)
+                .map(Iterator::collect),
         };
         match slices {
             Some(slices) => {

@@ -89,6 +89,8 @@ impl Server {
         let graceful = GracefulShutdown::new();
         let builder = builder();
         let reload = self.tls.clone().map(|tls| tokio::spawn(tls.reload()));
+        let pages = state.0.pages.clone();
+        let close = tokio::spawn(async move { pages.close_unused().await });
         let mut shutdown = std::pin::pin!(shutdown);
         loop {
             let accepted = async {
@@ -141,6 +143,7 @@ impl Server {
         if let Some(reload) = reload {
             reload.abort();
         }
+        close.abort();
         state.drain();
         drop(self.listener);
         if tokio::time::timeout(DRAIN, graceful.shutdown())

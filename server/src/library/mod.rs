@@ -71,6 +71,11 @@ impl Library {
         self.location.starts_with(location::S3)
     }
 
+    /// The folder, where the library is one of this machine.
+    pub(crate) fn folder(&self) -> Option<&Arc<Path>> {
+        self.folder.as_ref()
+    }
+
     /// In a folder: waits until nobody else replaces a scene in it, as long as the file lives.
     async fn lock_folder(&self) -> Result<Option<File>, LibraryError> {
         let Some(folder) = &self.folder else {

@@ -24,10 +24,18 @@ impl Running {
     }
 
     pub async fn start_limited(library: Library, limits: ClientLimits) -> Self {
+        Self::over(AppState::with_limits(library, 1 << 20, limits)).await
+    }
+
+    /// With so many bytes of pages and tables in memory.
+    pub async fn start_with_cache(library: Library, cache_bytes: usize) -> Self {
+        Self::over(AppState::new(library, cache_bytes)).await
+    }
+
+    async fn over(state: AppState) -> Self {
         let server = Server::bind("127.0.0.1:0").await.expect("binds");
         let address = server.address();
         let (stop, stopped) = oneshot::channel();
-        let state = AppState::with_limits(library, 1 << 20, limits);
         let done = tokio::spawn(server.run(state, async {
             let _ = stopped.await;
         }));

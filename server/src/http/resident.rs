@@ -1,0 +1,169 @@
+//! Pages of a library in a folder that the system has in memory: read from their pack's file at once, without a thread that may block and
+//! without a copy in the cache. What is not in the system's memory is read as from any store.
+//!
+//! A page is held against its hash when it is first read, and again when the pack was changed or the system has let go of some of it, and so
+//! reads from the disk anew. What the system alone, unasked by us, let go of and read again in between is not; viewers check for themselves.
+
+use std::collections::HashMap;
+use std::fs::File;
+use std::ops::RangeInclusive;
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, SystemTime};
+
+use bytes::Bytes;
+use lodestream_format::library::object_path;
+use lodestream_format::{Asset, ContentHash};
+use tokio::time::Instant;
+
+use super::buffers::Buffer;
+use super::memory::Memory;
+use super::page_cache::bytes_of;
+
+/// Packs that nobody asked for so long are closed: a pack that `gc` removed takes its place on the disk while it is open.
+const UNUSED: Duration = Duration::from_secs(20);
+/// Most packs that are open.
+const MOST: usize = 1024;
+
+/// Packs that are open.
+#[derive(Debug, Default)]
+pub(super) struct Resident(Mutex<HashMap<ContentHash, Entry>>);
+
+#[derive(Debug)]
+struct Entry {
+    pack: Arc<Pack>,
+    used: Instant,
+}
+
+#[derive(Debug)]
+struct Pack {
+    file: File,
+    /// Whose pages these are.
+    asset: Weak<Asset>,
+    written: SystemTime,
+    /// How often the system had let go of some of it, and one.
+    reading: AtomicU32,
+    /// In which reading a page had the bytes that its hash names; 0 for none.
+    checked: Box<[AtomicU32]>,
+}
+
+impl Resident {
+    /// Opens the pack of an asset in a library that is the folder `folder`; blocks.
+    pub(super) fn open(&self, folder: &Path, asset: &Arc<Asset>) {
+        if self.has(asset) {
+            return;
+        }
+        // Who reads the pack as from any store says what is wrong with it.
+        let Ok(file) = File::open(folder.join(object_path(&asset.pack))) else {
+            return;
+        };
+        let Some(written) = written(&file) else {
+            return;
+        };
+        let pack = Arc::new(Pack {
+            written,
+            file,
+            asset: Arc::downgrade(asset),
+            reading: AtomicU32::new(1),
+            checked: asset.pages.iter().map(|_| AtomicU32::new(0)).collect(),
+        });
+        let used = Instant::now();
+        let mut packs = self.packs();
+        if packs.len() >= MOST {
+            packs.clear();
+        }
+        packs.insert(asset.pack, Entry { pack, used });
+    }
+
+    /// Whether the pack of an asset is open.
+    pub(super) fn has(&self, asset: &Arc<Asset>) -> bool {
+        self.get(asset).is_some()
+    }
+
+    /// Frames of pages, end to end, if the pack is open and the system has all of them in memory; what they take counts in `memory`.
+    pub(super) fn read(
+        &self,
+        asset: &Arc<Asset>,
+        pages: RangeInclusive<u32>,
+        memory: &Arc<Memory>,
+    ) -> Option<Bytes> {
+        if memory.is_short() {
+            return None;
+        }
+        let pack = self.get(asset)?;
+        if written(&pack.file) != Some(pack.written) {
+            // Changed or removed: it is opened again, if it is there.
+            self.packs().remove(&asset.pack);
+            return None;
+        }
+        let bytes = bytes_of(asset, &pages);
+        let mut buffer = Buffer::take();
+        let space = buffer.space((bytes.end - bytes.start) as usize)?;
+        let reading = pack.reading.load(Ordering::Acquire);
+        if !read_now(&pack.file, bytes.start, space) {
+            pack.reading.fetch_add(1, Ordering::AcqRel);
+            return None;
+        }
+        for page in pages {
+            let entry = &asset.pages[page as usize];
+            let checked = pack.checked.get(page as usize)?;
+            if checked.load(Ordering::Relaxed) != reading {
+                let begin = (entry.offset - bytes.start) as usize;
+                let frame = &space[begin..begin + entry.bytes as usize];
+                if ContentHash::of(frame) != entry.hash {
+                    return None;
+                }
+                checked.store(reading, Ordering::Relaxed);
+            }
+        }
+        Some(memory.keep(Bytes::from_owner(buffer)))
+    }
+
+    /// Closes what nobody uses, for ever.
+    pub(super) async fn close_unused(&self) {
+        loop {
+            tokio::time::sleep(UNUSED / 2).await;
+            self.packs()
+                .retain(|_, entry| entry.used.elapsed() < UNUSED);
+        }
+    }
+
+    fn get(&self, asset: &Arc<Asset>) -> Option<Arc<Pack>> {
+        let mut packs = self.packs();
+        let entry = packs.get_mut(&asset.pack)?;
+        if !std::ptr::eq(entry.pack.asset.as_ptr(), Arc::as_ptr(asset)) {
+            return None;
+        }
+        entry.used = Instant::now();
+        Some(Arc::clone(&entry.pack))
+    }
+
+    fn packs(&self) -> MutexGuard<'_, HashMap<ContentHash, Entry>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Whether all of `space` could be read without waiting for the disk.
+#[cfg(target_os = "linux")]
+fn read_now(file: &File, offset: u64, space: &mut [u8]) -> bool {
+    use rustix::io::{ReadWriteFlags, preadv2};
+    let bytes = space.len();
+    let slices = &mut [std::io::IoSliceMut::new(space)];
+    preadv2(file, slices, offset, ReadWriteFlags::NOWAIT) == Ok(bytes)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn read_now(_: &File, _: u64, _: &mut [u8]) -> bool {
+    false
+}
+
+/// When a file was written last; none where it was removed.
+fn written(file: &File) -> Option<SystemTime> {
+    let metadata = file.metadata().ok()?;
+    #[cfg(unix)]
+    if std::os::unix::fs::MetadataExt::nlink(&metadata) == 0 {
+        return None;
+    }
+    metadata.modified().ok()
+}

@@ -1,0 +1,149 @@
+//! Pages of a folder that the system has in memory: the pack's bytes, and never others, whatever happens to the file.
+// A failed expectation is the test's failure.
+#![allow(clippy::unwrap_used)]
+#![cfg(target_os = "linux")]
+
+mod support;
+
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+use lodestream_format::library::object_path;
+use lodestream_server::library::Library;
+use reqwest::{Client, StatusCode};
+use support::made::{self, Made};
+use support::server::{Running, client};
+
+const PAGES: u32 = 40;
+
+/// A library in a folder under a server that holds an eighth of the pages itself; one was read, so that the pack is open.
+async fn served(folder: &Path) -> (Running, Made, Client) {
+    let library = Library::open(folder.to_str().unwrap()).unwrap();
+    let asset = made::asset(&library, 5, PAGES, 60_000).await;
+    let server = Running::start_with_cache(library, 400_000).await;
+    let client = client();
+    let first = get(&client, &server, &asset, 0, 0).await;
+    assert_eq!(first.unwrap(), asset.frame(0));
+    (server, asset, client)
+}
+
+async fn get(
+    client: &Client,
+    server: &Running,
+    asset: &Made,
+    first: u32,
+    last: u32,
+) -> Result<Vec<u8>, StatusCode> {
+    let path = format!("/v1/assets/{}/pages/{first}-{last}", asset.hash);
+    let answer = client.get(server.url(&path)).send().await.unwrap();
+    match answer.status() {
+        StatusCode::OK => Ok(answer.bytes().await.unwrap().to_vec()),
+        status => Err(status),
+    }
+}
+
+async fn resident(client: &Client, server: &Running) -> u64 {
+    let metrics = client.get(server.url("/metrics")).send().await.unwrap();
+    let metrics = metrics.text().await.unwrap();
+    let line = "lodestream_page_cache_reads_total{result=\"resident\"} ";
+    let value = metrics.lines().find_map(|found| found.strip_prefix(line));
+    value.unwrap().parse().unwrap()
+}
+
+fn pack(folder: &Path, asset: &Made) -> PathBuf {
+    folder.join(object_path(&asset.asset.pack))
+}
+
+fn flip(folder: &Path, asset: &Made, page: u32) {
+    let file = std::fs::File::options()
+        .read(true)
+        .write(true)
+        .open(pack(folder, asset))
+        .unwrap();
+    let at = asset.asset.pages[page as usize].offset + 1000;
+    let mut byte = [0];
+    file.read_exact_at(&mut byte, at).unwrap();
+    file.write_all_at(&[byte[0] ^ 4], at).unwrap();
+}
+
+#[tokio::test]
+async fn what_the_system_has_in_memory_is_the_packs_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, asset, client) = served(folder.path()).await;
+    let before = resident(&client, &server).await;
+    let mut asked = 0;
+    for round in 0..3 {
+        for first in 0..PAGES {
+            let last = (first + round).min(PAGES - 1);
+            let read = get(&client, &server, &asset, first, last).await;
+            assert_eq!(
+                read.unwrap(),
+                (first..=last)
+                    .flat_map(|page| asset.frame(page))
+                    .copied()
+                    .collect::<Vec<_>>()
+            );
+            asked += 1;
+        }
+    }
+    // The system may let go of some, hardly of most.
+    let resident = resident(&client, &server).await - before;
+    assert!(resident > asked / 2, "{resident} of {asked}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_page_that_changes_on_the_disk_is_never_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, asset, client) = served(folder.path()).await;
+    for read_before in [false, true] {
+        let pages = 10 + 10 * u32::from(read_before)..20 + 10 * u32::from(read_before);
+        for page in pages.clone().filter(|_| read_before) {
+            let read = get(&client, &server, &asset, page, page).await;
+            assert_eq!(read.unwrap(), asset.frame(page));
+        }
+        pages
+            .clone()
+            .for_each(|page| flip(folder.path(), &asset, page));
+        let mut refused = 0;
+        for page in pages.clone() {
+            match get(&client, &server, &asset, page, page).await {
+                // Held by the server itself.
+                Ok(read) => assert_eq!(read, asset.frame(page)),
+                Err(status) => {
+                    assert_eq!(status, StatusCode::INTERNAL_SERVER_ERROR);
+                    refused += 1;
+                }
+            }
+        }
+        assert!(refused >= 5, "{refused} of 10 pages");
+        let beside = get(&client, &server, &asset, pages.end, pages.end).await;
+        assert_eq!(beside.unwrap(), asset.frame(pages.end));
+        pages
+            .clone()
+            .for_each(|page| flip(folder.path(), &asset, page));
+        for page in pages {
+            let read = get(&client, &server, &asset, page, page).await;
+            assert_eq!(read.unwrap(), asset.frame(page));
+        }
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_pack_that_is_removed_takes_no_place_once_it_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, asset, client) = served(folder.path()).await;
+    let pack = std::fs::canonicalize(pack(folder.path(), &asset)).unwrap();
+    let open = || {
+        let files = std::fs::read_dir("/proc/self/fd").unwrap();
+        let mut targets = files.filter_map(|file| std::fs::read_link(file.ok()?.path()).ok());
+        targets.any(|target| target.to_string_lossy().contains(pack.to_str().unwrap()))
+    };
+    assert!(open());
+    std::fs::remove_file(&pack).unwrap();
+    let read = get(&client, &server, &asset, 30, 30).await;
+    assert_eq!(read, Err(StatusCode::INTERNAL_SERVER_ERROR));
+    assert!(!open());
+    server.stop().await;
+}
