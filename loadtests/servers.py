@@ -11,14 +11,16 @@ import sys
 import urllib.error
 import urllib.request
 
-binary, library, scene, out, server_pid, tls_server_pid = sys.argv[1:]
+binary, library, scene, out, *our_pids = sys.argv[1:]
 CONNECTIONS = [int(count) for count in os.environ.get("CONNECTIONS", "16 64 256 1024").split()]
 STREAMS = [int(count) for count in os.environ.get("STREAMS", "32 128").split()]
 ROUNDS = int(os.environ.get("ROUNDS", "3"))
 SECS = int(os.environ.get("SECS", "3"))
 OURS = "http://127.0.0.1:7979"
-PORTS = {"lodestream": 7979, "nginx": 7980, "nginx, tcp_nopush off": 7981}
-STREAM_PORTS = {"lodestream": 7979, "nginx": 7990, "lodestream TLS": 7982, "nginx TLS": 8000}
+OTHERS = {name: port for name, port in (("lighttpd", 7983), ("h2o", 7984)) if os.path.exists(f"{out}/{name}.pid")}
+PORTS = {"lodestream": 7979, "nginx": 7980, "nginx, tcp_nopush off": 7981, "lodestream, folder": 7978, **OTHERS}
+STREAM_PORTS = {"lodestream": 7979, "nginx": 7990, **OTHERS, "lodestream TLS": 7982, "nginx TLS": 8000}
+OUR_PIDS = dict(zip(("lodestream", "lodestream TLS", "lodestream, folder"), map(int, our_pids)))
 TICK_MICROSECONDS = 1e6 / os.sysconf("SC_CLK_TCK")
 
 
@@ -56,10 +58,10 @@ def pages_to_files():
 
 
 def processes(name):
-    """Process numbers of a server: our one, or nginx's master and workers."""
-    if name.startswith("lodestream"):
-        return [int(tls_server_pid if name.endswith("TLS") else server_pid)]
-    conf = "nginx-push" if name.endswith("off") else "nginx"
+    """Process numbers of a server: our one, or another's master and workers."""
+    if name in OUR_PIDS:
+        return [OUR_PIDS[name]]
+    conf = "nginx-push" if name.endswith("off") else name.split()[0]
     with open(f"{out}/{conf}.pid") as file:
         master = int(file.read())
     children = subprocess.run(["pgrep", "-P", str(master)], capture_output=True, text=True).stdout.split()
@@ -157,7 +159,7 @@ with open(out + "/pages.lua", "w") as file:
     file.write("function request() return wrk.format('GET', paths[math.random(#paths)]) end\n")
 print(f"{len(paths)} pages of {mean_bytes / 1024:.1f} KiB on average, {ROUNDS} rounds of {SECS} s, medians")
 rows = table("connections, HTTP/1.1", CONNECTIONS, PORTS, lambda name: "nginx", measure)
-of = lambda name: name.replace("lodestream", "nginx")
+of = lambda name: "nginx TLS" if name.endswith("TLS") else "nginx"
 streams = table("streams, one HTTP/2", STREAMS, STREAM_PORTS, of, measure_streams)
 with open(out + "/servers.json", "w") as file:
     json.dump({"connections": rows, "streams": streams}, file, indent=1)

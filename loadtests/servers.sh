@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Page requests a second against nginx over the same bytes, in one run: `make servers`. Both serve every page of a scene at the same
 # URLs on loopback, to wrk (HTTP/1.1) and h2load (one HTTP/2 connection, in cleartext and over TLS) on the same machine; rounds
-# alternate, the table shows medians.
+# alternate, the table shows medians. "folder" is our server with no room for pages of its own. lighttpd and h2o take part where they
+# are installed.
 #
 #   LIBRARY, SCENE   a library and a scene in it (else the sample rock is ingested)
 #   CONNECTIONS      "16 64 256 1024"      STREAMS "32 128"      ROUNDS 3      SECS 3      CACHE_BYTES of `lodestream-server serve`
@@ -36,6 +37,8 @@ openssl req -x509 -newkey rsa:2048 -nodes -days 30 -subj /CN=127.0.0.1 -keyout "
 "$bin/lodestream-server" serve --library "$LIBRARY" --listen 127.0.0.1:7982 ${CACHE_BYTES:+--cache-bytes "$CACHE_BYTES"} \
   --tls-cert "$out/cert.pem" --tls-key "$out/key.pem" >"$out/serve-tls.log" 2>&1 &
 tls_server=$!
+"$bin/lodestream-server" serve --library "$LIBRARY" --listen 127.0.0.1:7978 --cache-bytes 1000000 >"$out/serve-folder.log" 2>&1 &
+folder_server=$!
 nginx_conf() {
   cat <<CONF
 worker_processes $(nproc);
@@ -58,19 +61,43 @@ CONF
 nginx_conf nginx on 7980 >"$out/nginx.conf"
 nginx_conf nginx-push off 7981 >"$out/nginx-push.conf"
 stop() {
-  kill "$server" "$tls_server" 2>/dev/null || true
-  for name in nginx nginx-push; do
+  kill "$server" "$tls_server" "$folder_server" 2>/dev/null || true
+  for name in nginx nginx-push lighttpd h2o; do
     if [ -f "$out/$name.pid" ]; then kill "$(cat "$out/$name.pid")" 2>/dev/null || true; fi
   done
 }
 trap stop EXIT
 nginx -c "$out/nginx.conf" -p "$out"
 nginx -c "$out/nginx-push.conf" -p "$out"
+if command -v lighttpd >/dev/null; then
+  cat >"$out/lighttpd.conf" <<CONF
+server.document-root = "$out/www"
+server.bind = "127.0.0.1"
+server.port = 7983
+server.pid-file = "$out/lighttpd.pid"
+server.errorlog = "$out/lighttpd.log"
+server.max-worker = $(nproc)
+server.max-keep-alive-requests = 100000000
+server.feature-flags = ( "server.h2proto" => "enable", "server.h2c" => "enable" )
+CONF
+  lighttpd -f "$out/lighttpd.conf"
+fi
+if command -v h2o >/dev/null; then
+  cat >"$out/h2o.conf" <<CONF
+listen: {host: 127.0.0.1, port: 7984}
+pid-file: $out/h2o.pid
+error-log: $out/h2o.log
+num-threads: $(nproc)
+user: $(id -un)
+hosts: {default: {paths: {/: {file.dir: $out/www}}}}
+CONF
+  h2o -m daemon -c "$out/h2o.conf"
+fi
 for _ in $(seq 100); do
   kill -0 "$server" 2>/dev/null || { cat "$out/serve.log" >&2; exit 1; }
   curl -sf "$ours/readyz" >/dev/null && break
   sleep 0.1
 done
 
-python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server" "$tls_server"
-[ -n "${NO_WIRE-}" ] || python3 loadtests/servers_wire.py "$out" "$server"
+python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server" "$tls_server" "$folder_server"
+python3 loadtests/servers_wire.py "$out" "$server"

@@ -43,7 +43,7 @@ def pages_of_scene():
 
 def request(viewer):
     """All pages of the asset."""
-    wants = [{"asset": asset, "first": 0, "last": pages - 1, "priority": 1}]
+    wants = [{"asset": asset, "first": 0, "last": page_count - 1, "priority": 1}]
     body = json.dumps({"viewer": viewer, "sequence": 1, "wants": wants}).encode()
     return b"POST /v1/pages HTTP/1.1\r\nhost: x\r\ncontent-length: %d\r\n\r\n" % len(body) + body
 
@@ -76,8 +76,13 @@ def read_bare(port, until, counts):
 
 
 def write_bare(listener):
-    """Writes for ever what would be pages, from memory, a process a connection: no interpreter is shared."""
-    pages = memoryview(bytearray(os.urandom(8 << 20)))
+    """Writes the same pages for ever, from memory, a process a connection: no interpreter is shared."""
+    folder = f"{out}/www/v1/assets/{asset}/pages"
+    pages = bytearray()
+    for page in range(page_count):
+        with open(f"{folder}/{page}-{page}", "rb") as file:
+            pages += file.read()
+    pages = memoryview(pages)
     while True:
         stream = listener.accept()[0]
         if os.fork() == 0:
@@ -173,7 +178,7 @@ def first_answer_bytes():
 
 
 multiprocessing.set_start_method("fork")
-asset, pages = pages_of_scene()
+asset, page_count = pages_of_scene()
 with open(out + "/servers.json") as file:
     report = json.load(file)
 mean_bytes = report["connections"][0]["mean_bytes"]
