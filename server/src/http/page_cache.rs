@@ -28,7 +28,7 @@ pub(super) const PIECE_BYTES: u64 = 128 * 1024;
 /// Most bytes of an answer that are held at once: joining pages up to that gives 1.5 times the bytes a second on loopback, more nothing.
 pub(super) const RUN_BYTES: u64 = 256 * 1024;
 /// Of so many answers from the system's memory one has its first piece brought into the cache, which is a third faster still.
-const RESIDENT_READS: u64 = 32;
+const RESIDENT_READS: u64 = 256;
 /// Reads of one range at a time.
 const READS_AHEAD: usize = 8;
 
