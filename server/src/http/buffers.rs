@@ -13,7 +13,7 @@ thread_local!(static SPARES: RefCell<Vec<Vec<u8>>> = const { RefCell::new(Vec::n
 /// A buffer and what is in it.
 #[derive(Debug)]
 pub(super) struct Buffer {
-    /// All of it, zeros and what other holders left.
+    /// What is in it, and behind that what other holders left: as long as it was needed once, and not longer.
     bytes: Vec<u8>,
     filled: usize,
 }
@@ -23,7 +23,7 @@ impl Buffer {
     pub(super) fn take() -> Self {
         let spare = SPARES.with_borrow_mut(Vec::pop);
         Self {
-            bytes: spare.unwrap_or_else(|| vec![0; BUFFER_BYTES]),
+            bytes: spare.unwrap_or_else(|| Vec::with_capacity(BUFFER_BYTES)),
             filled: 0,
         }
     }
@@ -34,16 +34,23 @@ impl Buffer {
 
     /// Adds `bytes`, as far as there is space.
     pub(super) fn extend(&mut self, bytes: &[u8]) {
-        let taken = bytes.len().min(self.bytes.len() - self.filled);
-        self.bytes[self.filled..][..taken].copy_from_slice(&bytes[..taken]);
-        self.filled += taken;
+        let before = self.filled;
+        let taken = bytes.len().min(BUFFER_BYTES - before);
+        if let Some(space) = self.space(before + taken) {
+            space[before..].copy_from_slice(&bytes[..taken]);
+        }
     }
 
-    /// As much of the buffer as `bytes`, to be written over; it is in it from now on. None where the buffer is smaller.
+    /// The buffer's first `bytes`, to be written over; they are in it from now on. None where it is smaller.
     pub(super) fn space(&mut self, bytes: usize) -> Option<&mut [u8]> {
-        let space = self.bytes.get_mut(..bytes)?;
+        if bytes > BUFFER_BYTES {
+            return None;
+        }
+        if self.bytes.len() < bytes {
+            self.bytes.resize(bytes, 0);
+        }
         self.filled = bytes;
-        Some(space)
+        Some(&mut self.bytes[..bytes])
     }
 }
 

@@ -10,7 +10,7 @@ use std::task::{Context, Poll, ready};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
 use super::buffers::Buffer;
-use super::memory::Memory;
+use super::memory::{Memory, Room};
 
 /// Most bytes that are gathered.
 pub(super) const GATHER_BYTES: usize = 64 * 1024;
@@ -23,8 +23,11 @@ pub(super) struct Gather<S>(Arc<Mutex<Inner<S>>>);
 #[derive(Debug)]
 struct Inner<S> {
     stream: S,
+    /// Whether anything is.
+    gathers: bool,
     /// What was gathered; none while that is nothing.
     buffer: Option<Buffer>,
+    room: Option<Room>,
     /// So many of its bytes are sent.
     sent: usize,
     /// What was sent has to be flushed.
@@ -39,11 +42,13 @@ impl<S> Clone for Gather<S> {
 }
 
 impl<S: AsyncWrite + Unpin> Gather<S> {
-    /// Where `memory` is short, nothing is gathered.
-    pub(super) fn new(stream: S, memory: Arc<Memory>) -> Self {
+    /// Where `memory` is short, or without `gathers`, nothing is gathered.
+    pub(super) fn new(stream: S, memory: Arc<Memory>, gathers: bool) -> Self {
         Self(Arc::new(Mutex::new(Inner {
             stream,
+            gathers,
             buffer: None,
+            room: None,
             sent: 0,
             flushes: false,
             memory,
@@ -81,7 +86,7 @@ impl<S: AsyncWrite + Unpin> Inner<S> {
                 bytes => self.sent += bytes,
             }
         }
-        (self.buffer, self.sent) = (None, 0);
+        (self.buffer, self.room, self.sent) = (None, None, 0);
         if self.flushes {
             ready!(Pin::new(&mut self.stream).poll_flush(context))?;
             self.flushes = false;
@@ -98,11 +103,17 @@ impl<S: AsyncWrite + Unpin> Inner<S> {
         if self.sent + self.unsent_bytes() + bytes > GATHER_BYTES {
             ready!(self.poll_send(context))?;
         }
-        self.flushes = true;
-        if self.buffer.is_none() && (bytes >= LARGE_BYTES || self.memory.is_short()) {
-            return Pin::new(&mut self.stream).poll_write_vectored(context, slices);
+        let copies = self.gathers && bytes < LARGE_BYTES && !self.memory.is_short();
+        if self.buffer.is_none() && !copies {
+            let written = ready!(Pin::new(&mut self.stream).poll_write_vectored(context, slices))?;
+            self.flushes = true;
+            return Poll::Ready(Ok(written));
         }
-        let buffer = self.buffer.get_or_insert_with(Buffer::take);
+        self.flushes = true;
+        let buffer = self.buffer.get_or_insert_with(|| {
+            self.room = Some(self.memory.hold(GATHER_BYTES));
+            Buffer::take()
+        });
         let before = buffer.len();
         for slice in slices {
             buffer.extend(slice);
@@ -142,9 +153,13 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Gather<S> {
         self.inner().stream.is_write_vectored()
     }
 
-    /// Does nothing: HTTP/2's library flushes after each frame.
-    fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Poll::Ready(Ok(()))
+    /// Where it gathers, this does nothing: HTTP/2's library flushes after each frame.
+    fn poll_flush(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        let mut inner = self.inner();
+        match inner.gathers {
+            true => Poll::Ready(Ok(())),
+            false => Pin::new(&mut inner.stream).poll_flush(context),
+        }
     }
 
     fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
@@ -157,9 +172,12 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Gather<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::http::socket::Socket;
     use bytes::Bytes;
     use proptest::prelude::*;
+    use std::future::poll_fn;
     use std::task::Waker;
+    use tokio::time::Instant;
 
     /// Takes what it has room for, and remembers each write.
     #[derive(Debug, Default)]
@@ -195,7 +213,7 @@ mod tests {
             room,
             ..Taking::default()
         };
-        Gather::new(taking, Arc::clone(memory))
+        Gather::new(taking, Arc::clone(memory), true)
     }
 
     fn write(gather: &mut Gather<Taking>, bytes: &[u8]) -> Poll<usize> {
@@ -236,6 +254,32 @@ mod tests {
         assert_eq!(write(&mut gather, &[1; 100]), Poll::Ready(50));
         assert_eq!(write(&mut gather, &[1; 50]), Poll::Pending);
         assert_eq!((send(&gather), sizes(&gather)), (0, vec![100, 50]));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_takes_nothing_is_given_up_whatever_is_written() {
+        for bytes in [100, LARGE_BYTES] {
+            let memory = Arc::<Memory>::default();
+            let (_client, stream) = tokio::io::duplex(16);
+            let socket = Socket::new(stream, Arc::clone(&memory));
+            let mut gather = Gather::new(socket, Arc::clone(&memory), true);
+            let (began, piece) = (Instant::now(), vec![7; bytes]);
+            let error = poll_fn(|context| {
+                loop {
+                    match Pin::new(&mut gather).poll_write(context, &piece) {
+                        Poll::Ready(Ok(_)) => {}
+                        Poll::Ready(Err(error)) => return Poll::Ready(error),
+                        Poll::Pending => break,
+                    }
+                }
+                match gather.poll_send(context) {
+                    Ok(_) => Poll::Pending,
+                    Err(error) => Poll::Ready(error),
+                }
+            });
+            assert_eq!(error.await.kind(), io::ErrorKind::TimedOut);
+            assert_eq!(began.elapsed(), memory.patience());
+        }
     }
 
     proptest! {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
-use tokio::sync::Notify;
+use tokio::sync::{Mutex, Notify};
 use tokio::time::Instant;
 
 /// Most bytes beside the cache.
@@ -27,6 +27,8 @@ pub(super) struct Memory {
     alive: AtomicU64,
     /// Of these, in the cache; as it said last.
     cached: AtomicU64,
+    /// Held by whoever is next to have room.
+    next: Mutex<()>,
     freed: Notify,
 }
 
@@ -43,23 +45,28 @@ struct Kept {
 }
 
 impl Memory {
-    /// Waits until there is room for `bytes` more, while the cache holds what `cached` says; a read that is alone always has it. After
-    /// [`LONGEST_WAIT`] there is room anyway: an answer may hold later pages while it waits for its first ones.
+    /// Waits until there is room for `bytes` more, while the cache holds what `cached` says, in the order in which it is asked for; a read
+    /// that is alone always has it. Who was next for [`LONGEST_WAIT`] has it anyway: an answer may hold later pages while it waits for its
+    /// first ones.
     pub(super) async fn room(self: &Arc<Self>, bytes: u64, cached: impl Fn() -> u64) -> Room {
+        let _next = self.next.lock().await;
         let began = Instant::now();
         loop {
             let freed = self.freed.notified();
             self.set_cached(cached());
             let room = self.take(bytes);
             if self.beside() <= BESIDE_BYTES.max(bytes) || began.elapsed() >= LONGEST_WAIT {
-                // There may be room for the next one too.
-                self.freed.notify_one();
                 return room;
             }
             room.give_back();
             // The cache also makes room, and tells nobody.
             let _ = tokio::time::timeout(LOOK_AGAIN, freed).await;
         }
+    }
+
+    /// Counts `bytes` that are needed at once.
+    pub(super) fn hold(self: &Arc<Self>, bytes: usize) -> Room {
+        self.take(bytes as u64)
     }
 
     /// Counts `bytes` that are there already.

@@ -45,7 +45,7 @@ pub(super) async fn open(
     if method == Method::HEAD {
         return Ok(response(Body::empty()));
     }
-    let scene_bytes = library.object(&reference.scene).await?;
+    let scene_bytes = state.0.pages.object(&reference.scene, asker).await?;
     // An asset that the scene uses with several materials comes once.
     let mut seen = HashSet::new();
     let scene = library.decode_scene(&reference.scene, &scene_bytes)?;
@@ -79,20 +79,16 @@ async fn asset_blocks(
     let library = &state.0.library;
     let asset = state.0.tables.asset(library, &hash).await?;
     let roots = 0..=asset.root_page_count - 1;
+    let cache = &state.0.pages;
     let (asset_object, hierarchy, root_pages) = futures_util::try_join!(
-        library.object(&hash),
-        library.object(&asset.hierarchy),
-        state.0.pages.pages(&asset, roots, asker),
+        cache.object(&hash, asker),
+        cache.object(&asset.hierarchy, asker),
+        cache.pages(&asset, roots, asker),
     )?;
     state.0.metrics.pages_sent(asset.root_page_count as u64);
-    let memory = state.0.pages.memory();
     let mut pieces = Vec::with_capacity(8);
-    pieces.extend(block(BlockKind::Asset, hash, memory.keep(asset_object)));
-    pieces.extend(block(
-        BlockKind::Hierarchy,
-        asset.hierarchy,
-        memory.keep(hierarchy),
-    ));
+    pieces.extend(block(BlockKind::Asset, hash, asset_object));
+    pieces.extend(block(BlockKind::Hierarchy, asset.hierarchy, hierarchy));
     pieces.push(block_header(BlockKind::RootPages, hash, root_pages.bytes()));
     pieces.extend(root_pages);
     let total: usize = pieces.iter().map(Bytes::len).sum();

@@ -1,4 +1,4 @@
-//! Pieces of packs in memory, in front of the store: bounded by bytes, and one read for all who wait for a piece.
+//! Pieces of packs in memory, and small objects whole, in front of the store: bounded by bytes, and one read for all who wait for a piece.
 //!
 //! A piece is all pages that begin in the same [`PIECE_BYTES`] of a pack: more than one, so that what lies beside a page, its siblings and
 //! what depends on it, is read with it, and whole ones, so that no byte gets in whose page does not hash to its name. Answers hold
@@ -32,8 +32,12 @@ const RESIDENT_READS: u64 = 256;
 /// Reads of one range at a time.
 const READS_AHEAD: usize = 8;
 
-/// A pack, and the number of a piece of it.
+/// A pack, and the number of a piece of it; or another object, whole.
 type PieceKey = (ContentHash, u64);
+/// Number of an object that is no pack.
+const WHOLE: u64 = u64::MAX;
+/// What an object is taken for until it is read.
+const OBJECT_BYTES: u64 = 64 * 1024;
 
 #[derive(Debug, Clone)]
 struct ByBytes;
@@ -194,6 +198,29 @@ impl PageCache {
             Ok(piece)
         };
         let key = (asset.pack, number);
+        self.0.pieces.get_or_insert_async(&key, read).await
+    }
+
+    /// An object that is no pack, checked against its hash; for `asker`. What opens a scene is the same for all who open it.
+    ///
+    /// # Errors
+    /// Where the store fails, or has other bytes.
+    pub(super) async fn object(
+        &self,
+        hash: &ContentHash,
+        asker: Asker,
+    ) -> Result<Bytes, LibraryError> {
+        let key = (*hash, WHOLE);
+        if let Some(object) = self.0.pieces.get(&key) {
+            self.0.hits.fetch_add(1, Ordering::Relaxed);
+            return Ok(object);
+        }
+        self.0.misses.fetch_add(1, Ordering::Relaxed);
+        let read = async {
+            let _turn = self.0.reads.enter(asker, OBJECT_BYTES).await;
+            let room = self.room(OBJECT_BYTES).await;
+            Ok(room.keep(self.0.library.object(hash).await?))
+        };
         self.0.pieces.get_or_insert_async(&key, read).await
     }
 

@@ -206,10 +206,11 @@ async fn connection<S>(
     let done = match http1::serve(&mut socket, &service, HEAD_TIMEOUT).await {
         Ok(None) => Ok(()),
         Ok(Some(read)) => {
+            let is_http2 = read.starts_with(b"PRI");
             socket.unread(read);
             socket.read_within(HEAD_TIMEOUT, PREFACE_BYTES);
             let sending = Arc::clone(service.sending());
-            let gather = Gather::new(socket, Arc::clone(&memory));
+            let gather = Gather::new(socket, Arc::clone(&memory), is_http2);
             let connection = builder.serve_connection(TokioIo::new(gather.clone()), service);
             // Boxed: many connections never get here, and this is most of their size.
             let mut served = Box::pin(watcher.watch(connection.into_owned()));
