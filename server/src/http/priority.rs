@@ -1,5 +1,5 @@
 //! Which answer of an HTTP/2 connection goes first: the most urgent (RFC 9218, section 4; a request that does not say is of urgency 3), of
-//! several the oldest. Bodies hand their bytes over in pieces, and until a piece is written it counts against the connection's
+//! several the oldest. Bodies hand their bytes over in pieces, and until the socket takes them they count against the connection's
 //! [`AHEAD_BYTES`]; beyond these a body waits. So an urgent answer finds no more than that before it, however much was asked for, and a
 //! client that reads nothing holds no more than that.
 
@@ -19,8 +19,8 @@ use tokio::time::{Instant, Sleep};
 
 use super::memory::Memory;
 
-/// Bytes of a connection that are handed over and not written.
-const AHEAD_BYTES: usize = 128 * 1024;
+/// Bytes of a connection that are handed over and not sent.
+const AHEAD_BYTES: usize = 192 * 1024;
 /// Most bytes of a piece.
 const PIECE_BYTES: usize = 64 * 1024;
 /// Where so long nothing was written, one more piece goes out: the client may have stopped to read the streams that hold what is ahead, and
@@ -40,6 +40,8 @@ pub(super) struct Sending {
 #[derive(Debug, Default)]
 struct State {
     ahead_bytes: usize,
+    /// The pieces that are ahead.
+    ahead: Vec<Bytes>,
     /// Written, and not taken by the socket.
     unsent_bytes: usize,
     /// When something ahead was written last, or began to be ahead.
@@ -80,6 +82,23 @@ impl Sending {
         if less {
             self.wake();
         }
+    }
+
+    /// Whether another piece may be ahead.
+    #[cfg(test)]
+    pub(super) fn has_room(&self) -> bool {
+        self.state().has_room()
+    }
+
+    /// The piece ahead that holds `slice`, as that slice of it: what writes it need not copy it.
+    pub(super) fn piece_of(&self, slice: &[u8]) -> Option<Bytes> {
+        let within = slice.as_ptr_range();
+        let state = self.state();
+        let piece = state.ahead.iter().find(|piece| {
+            let piece = piece.as_ptr_range();
+            piece.start <= within.start && within.end <= piece.end
+        })?;
+        Some(piece.slice_ref(slice))
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -176,8 +195,8 @@ impl<B> Paced<B> {
 }
 
 impl Turn {
-    /// Ready when `bytes` may be handed over; they count from then on.
-    fn poll_enter(&mut self, bytes: usize, context: &mut Context<'_>) -> Poll<()> {
+    /// Ready when `piece` may be handed over; it counts from then on.
+    fn poll_enter(&mut self, piece: &Bytes, context: &mut Context<'_>) -> Poll<()> {
         let now = Instant::now();
         let mut state = self.sending.state();
         let first = state
@@ -199,7 +218,8 @@ impl Turn {
         }
         state.waiting.remove(&self.place);
         let begins = state.ahead_bytes == 0;
-        state.ahead_bytes += bytes;
+        state.ahead_bytes += piece.len();
+        state.ahead.push(piece.clone());
         // What is handed over because a client reads other streams is no sign that it reads.
         if begins || state.written.is_none() {
             state.written = Some(now);
@@ -238,6 +258,10 @@ impl Drop for Ahead {
     fn drop(&mut self) {
         let mut state = self.sending.state();
         state.ahead_bytes -= self.bytes.len();
+        let is_this = |piece: &Bytes| piece.as_ptr_range() == self.bytes.as_ptr_range();
+        // Two answers may have the same bytes ahead; either entry stands for both.
+        let at = state.ahead.iter().position(is_this);
+        let _gone = at.map(|at| state.ahead.swap_remove(at));
         state.written = Some(Instant::now());
         drop(state);
         self.sending.wake();
@@ -262,13 +286,14 @@ impl<B: HttpBody<Data = Bytes> + Unpin> HttpBody for Paced<B> {
                 other => return Poll::Ready(other),
             }
         }
-        let bytes = this.piece.remaining().min(PIECE_BYTES);
         let Some(turn) = &mut this.turn else {
             return Poll::Ready(Some(Ok(Frame::data(std::mem::take(&mut this.piece)))));
         };
-        ready!(turn.poll_enter(bytes, context));
+        let bytes = this.piece.slice(..this.piece.len().min(PIECE_BYTES));
+        ready!(turn.poll_enter(&bytes, context));
+        this.piece.advance(bytes.len());
         let ahead = Ahead {
-            bytes: this.piece.split_to(bytes),
+            bytes,
             sending: Arc::clone(&turn.sending),
         };
         Poll::Ready(Some(Ok(Frame::data(Bytes::from_owner(ahead)))))

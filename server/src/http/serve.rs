@@ -27,9 +27,9 @@ use super::workers::Workers;
 
 /// Longest wait for a request's head, also between two requests of one connection.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
-/// What a socket takes beyond what is on its way.
+/// A socket that has so much that is not on its way takes no more; what it takes then may be a segment, 64 KiB, more than that.
 #[cfg(target_os = "linux")]
-const UNSENT_BYTES: u32 = 64 * 1024;
+const UNSENT_BYTES: u32 = 16 * 1024;
 /// Time between two pings of a silent HTTP/2 connection, and for their answer.
 const PING: Duration = Duration::from_secs(20);
 /// Longest wait for requests in flight after a signal.
@@ -210,17 +210,17 @@ async fn connection<S>(
             socket.unread(read);
             socket.read_within(HEAD_TIMEOUT, PREFACE_BYTES);
             let sending = Arc::clone(service.sending());
-            let gather = Gather::new(socket, Arc::clone(&memory), is_http2);
+            let gathered = is_http2.then(|| Arc::clone(&sending));
+            let gather = Gather::new(socket, Arc::clone(&memory), gathered);
             let connection = builder.serve_connection(TokioIo::new(gather.clone()), service);
             // Boxed: many connections never get here, and this is most of their size.
             let mut served = Box::pin(watcher.watch(connection.into_owned()));
             let served = poll_fn(|context| {
                 let served = served.as_mut().poll(context);
                 match gather.poll_send(context) {
-                    Ok(unsent_bytes) => sending.unsent(unsent_bytes),
-                    Err(error) => return Poll::Ready(Err(error.into())),
+                    Ok(()) => served,
+                    Err(error) => Poll::Ready(Err(error.into())),
                 }
-                served
             });
             tokio::select! {
                 served = served => served,
