@@ -25,9 +25,9 @@ mkdir "$out/www"
 
 if [ -z "${LIBRARY-}" ]; then
   LIBRARY=$out/library SCENE=rock
-  # Some 300 pages, more than the processor's caches hold.
-  [ -f "$out/rock-3.glb" ] || "$bin/lodestream-loadtests" sample rock --triangles 3000000 --out "$out/rock-3.glb" -q
-  "$bin/lodestream-server" ingest "$out/rock-3.glb" --library "$LIBRARY" --scene rock -q
+  # 1,200 pages of 64 KiB, more than the processor's caches hold.
+  [ -f "$out/rock-12.glb" ] || "$bin/lodestream-loadtests" sample rock --triangles 12000000 --out "$out/rock-12.glb" -q
+  "$bin/lodestream-server" ingest "$out/rock-12.glb" --library "$LIBRARY" --scene rock --codec lz4 -q
 fi
 
 ours=http://127.0.0.1:7979

@@ -10,11 +10,12 @@ use lodestream_format::wire::{
     Block, BlockKind, BlockReader, PageStatus, PagesPost, SceneEntry, ScenesPage,
 };
 use lodestream_format::{ContentHash, FormatError};
-use reqwest::header::{AUTHORIZATION, HeaderMap, HeaderValue};
+use reqwest::header::{ACCEPT_ENCODING, AUTHORIZATION, HeaderMap, HeaderValue};
 use reqwest::{Client, RequestBuilder, Response};
 
 use super::error::StreamError;
 use super::opened_scene::OpenParts;
+use super::unpack::{self, Unpack};
 
 /// Variable with the token of who reads scenes that need one.
 const TOKEN: &str = "LODESTREAM_TOKEN";
@@ -164,8 +165,10 @@ impl HttpSource {
     pub(crate) async fn open(&self, scene: &str) -> Result<OpenParts, StreamError> {
         scene_path(scene).map_err(StreamError::format("open"))?;
         let url = format!("{}/v1/scenes/{scene}/open", self.base);
+        // Half of it is hierarchies, which are stored as they are.
+        let request = |client: &Client| client.get(&url).header(ACCEPT_ENCODING, unpack::ZSTD);
         for wait in OPEN_AGAIN {
-            let response = self.get(&url).await?;
+            let response = self.send(&url, request).await?;
             match Self::read_open(&url, response).await {
                 // The server went while it answered: another one may stand behind the same name.
                 Err(error @ StreamError::Http { .. }) => {
@@ -175,7 +178,7 @@ impl HttpSource {
                 read => return read,
             }
         }
-        let response = self.get(&url).await?;
+        let response = self.send(&url, request).await?;
         Self::read_open(&url, response).await
     }
 
@@ -284,18 +287,21 @@ fn frame_of(url: &str, block: Block) -> Result<Bytes, StreamError> {
     }
 }
 
-/// Calls `take` with every block; gives the bytes of the whole answer.
+/// Calls `take` with every block; gives the bytes of the whole answer, as they came.
 async fn read_blocks(
     url: &str,
     response: Response,
     mut take: impl FnMut(Block),
 ) -> Result<u64, StreamError> {
+    let wrong = |error| StreamError::format(url)(error);
+    let mut unpack = Unpack::of(response.headers()).map_err(wrong)?;
     let mut reader = BlockReader::default();
     let mut bytes = 0;
     read_chunks(url, response, |chunk| {
         bytes += chunk.len() as u64;
-        reader.push(&chunk);
-        while let Some(block) = reader.next_block().map_err(StreamError::format(url))? {
+        let unpacked = unpack.push(&chunk, |bytes| reader.push(bytes));
+        unpacked.map_err(wrong)?;
+        while let Some(block) = reader.next_block().map_err(wrong)? {
             take(block);
         }
         Ok(())
@@ -331,7 +337,6 @@ fn retry_after_secs(response: &Response) -> Option<f64> {
     (secs.is_finite() && secs >= 0.0).then_some(secs)
 }
 
-/// The innermost reason says what happened; the outer ones repeat the URL.
 /// The field that says who asks, from [`TOKEN`].
 fn token() -> Result<HeaderMap, &'static str> {
     let mut fields = HeaderMap::new();
@@ -344,6 +349,7 @@ fn token() -> Result<HeaderMap, &'static str> {
     Ok(fields)
 }
 
+/// The innermost reason says what happened; the outer ones repeat the URL.
 fn http_error(url: &str, error: reqwest::Error) -> StreamError {
     let mut reason: &dyn std::error::Error = &error;
     while let Some(source) = reason.source() {

@@ -32,6 +32,7 @@ mod scene_pages;
 mod source;
 mod stats;
 mod streamer;
+mod unpack;
 mod want;
 mod window;
 

@@ -86,9 +86,9 @@ impl HttpError {
                 LibraryError::NoScene { .. }
                 | LibraryError::NoObject { .. }
                 | LibraryError::NoPlan { .. } => StatusCode::NOT_FOUND,
-                LibraryError::Damaged { .. } | LibraryError::File { .. } => {
-                    StatusCode::INTERNAL_SERVER_ERROR
-                }
+                LibraryError::Damaged { .. }
+                | LibraryError::File { .. }
+                | LibraryError::Compress(_) => StatusCode::INTERNAL_SERVER_ERROR,
                 LibraryError::Store { .. } | LibraryError::Location { .. } => {
                     StatusCode::SERVICE_UNAVAILABLE
                 }

@@ -6,6 +6,7 @@
 mod body;
 mod buffers;
 mod cors;
+mod encoding;
 mod error;
 mod error_log;
 mod etag;
@@ -162,6 +163,8 @@ pub fn router(state: AppState) -> Router {
         })
         .fallback(error::no_route)
         .method_not_allowed_fallback(error::wrong_method)
+        .layer(encoding::texts())
+        .layer(middleware::map_response(encoding::weaken))
         .layer(middleware::from_fn(cors::cors))
         .layer(middleware::from_fn_with_state(
             state.clone(),

@@ -7,13 +7,22 @@ use axum::http::header::{
 };
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
 use lodestream_format::ContentHash;
+use lodestream_format::hierarchy::MAGIC;
 
 use super::AppState;
 use super::body::range_body;
+use super::encoding;
 use super::error::{HttpError, header};
 use super::etag::{self, IMMUTABLE};
+use super::fair::Asker;
+use super::page_cache::Compressed;
 
+/// Shorter objects are sent as they are.
+const SMALL_BYTES: u64 = 1024;
+/// Longer ones are not held whole: the hierarchy of a billion triangles.
+const HIERARCHY_BYTES: u64 = 128 * 1024 * 1024;
 const BYTES: HeaderValue = HeaderValue::from_static("application/octet-stream");
 
 /// A name in a URL: 64 lower-case hexadecimal digits, nothing else ever reaches the store.
@@ -26,6 +35,7 @@ pub(super) async fn object(
     State(state): State<AppState>,
     Path(hash): Path<String>,
     method: Method,
+    asker: Asker,
     request: HeaderMap,
 ) -> Result<Response, HttpError> {
     let library = &state.0.library;
@@ -35,7 +45,8 @@ pub(super) async fn object(
         return Err(HttpError::NotFound(format!("no object {hash}")));
     };
     if etag::is_held(&request, &tag) {
-        return Ok(etag::not_modified(tag, IMMUTABLE));
+        let held = etag::not_modified(tag, IMMUTABLE);
+        return Ok(([encoding::VARIES], held).into_response());
     }
     let mut headers = HeaderMap::new();
     headers.insert(CONTENT_TYPE, BYTES);
@@ -56,11 +67,45 @@ pub(super) async fn object(
         }
     };
     headers.insert(CONTENT_LENGTH, HeaderValue::from(range.end - range.start));
+    headers.extend([encoding::VARIES]);
+    if status == StatusCode::OK
+        && encoding::takes_zstd(&request)
+        && let Some(hierarchy) = compressed_hierarchy(&state, &hash, bytes, asker).await?
+    {
+        headers.remove(ACCEPT_RANGES);
+        headers.extend([encoding::ZSTD, (ETAG, encoding::weak(&tag))]);
+        headers.insert(CONTENT_LENGTH, HeaderValue::from(hierarchy.len()));
+        return Ok((status, [IMMUTABLE], headers, Body::from(hierarchy)).into_response());
+    }
     let body = match method == Method::HEAD {
         true => Body::empty(),
         false => range_body(&state, &hash, range, status == StatusCode::OK).await?,
     };
     Ok((status, [IMMUTABLE], headers, body).into_response())
+}
+
+/// An object of `bytes`, compressed, where it is a hierarchy: all others are in the library already.
+async fn compressed_hierarchy(
+    state: &AppState,
+    hash: &ContentHash,
+    bytes: u64,
+    asker: Asker,
+) -> Result<Option<Bytes>, HttpError> {
+    let shared = &state.0;
+    if !(SMALL_BYTES..=HIERARCHY_BYTES).contains(&bytes) {
+        return Ok(None);
+    }
+    if let Some(held) = shared.pages.held_compressed(Compressed::Hierarchy, hash) {
+        return Ok(Some(held));
+    }
+    let magic = shared.library.object_range(hash, 0..4).await?;
+    if magic[..] != MAGIC.to_le_bytes() {
+        return Ok(None);
+    }
+    let object = async { Ok(vec![shared.pages.object(hash, asker).await?]) };
+    let make = encoding::compressed(object);
+    let made = shared.pages.compressed(Compressed::Hierarchy, hash, make);
+    Ok(Some(made.await?))
 }
 
 /// What a `Range` header asks for.

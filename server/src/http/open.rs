@@ -1,6 +1,7 @@
 //! `GET /v1/scenes/{scene}/open`: scene, assets, hierarchies and root pages in one answer: first picture in one round trip.
 
 use std::collections::HashSet;
+use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::{Path, State};
@@ -9,14 +10,16 @@ use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures_util::{StreamExt, TryStreamExt, stream};
-use lodestream_format::ContentHash;
 use lodestream_format::wire::{self, BlockKind, PageStatus};
+use lodestream_format::{Asset, ContentHash};
 
 use super::AppState;
+use super::encoding;
 use super::error::HttpError;
 use super::error_log;
 use super::etag::{self, REVALIDATE};
 use super::fair::Asker;
+use super::page_cache::Compressed;
 use crate::library::LibraryError;
 
 /// Assets read ahead of the connection.
@@ -35,13 +38,22 @@ pub(super) async fn open(
     state.may_read(&request, &name)?;
     let library = state.0.library.clone();
     let reference = library.reference(&name).await?;
-    let tag = etag::tag(reference.scene);
+    let compresses = encoding::takes_zstd(&request);
+    let tag = match etag::tag(reference.scene) {
+        tag if compresses => encoding::weak(&tag),
+        tag => tag,
+    };
     if etag::is_held(&request, &tag) {
-        return Ok(etag::not_modified(tag, REVALIDATE));
+        let held = etag::not_modified(tag, REVALIDATE);
+        return Ok(([encoding::VARIES], held).into_response());
     }
     state.0.metrics.opened(&name);
     let headers = [(CONTENT_TYPE, wire::MEDIA_TYPE)];
-    let response = |body| ([REVALIDATE], [(ETAG, tag)], headers, body).into_response();
+    let encoding = compresses.then_some([encoding::ZSTD]);
+    let response = |body| {
+        let tag = [(ETAG, tag), encoding::VARIES];
+        ([REVALIDATE], tag, headers, encoding, body).into_response()
+    };
     if method == Method::HEAD {
         return Ok(response(Body::empty()));
     }
@@ -55,17 +67,21 @@ pub(super) async fn open(
         .map(|asset| asset.asset)
         .filter(|asset| seen.insert(*asset))
         .collect();
-    let first = block(BlockKind::Scene, reference.scene, scene_bytes);
+    // Frames of Zstandard one after the other are one stream (RFC 8878, section 3), so that each asset's is kept.
+    let mut first = block(BlockKind::Scene, reference.scene, scene_bytes).to_vec();
+    let mut end = Bytes::copy_from_slice(&wire::end_block());
+    if compresses {
+        first = vec![encoding::compressed(async { Ok(first) }).await?];
+        end = encoding::compressed(async { Ok(vec![end]) }).await?;
+    }
     let assets = stream::iter(assets)
-        .map(move |asset| asset_blocks(state.clone(), asset, asker))
+        .map(move |asset| asset_blocks(state.clone(), asset, asker, compresses))
         .buffered(ASSETS_AHEAD)
         .map_ok(|pieces| stream::iter(pieces.into_iter().map(Ok::<_, LibraryError>)))
         .try_flatten();
-    let blocks = stream::iter(first.map(Ok))
+    let blocks = stream::iter(first.into_iter().map(Ok))
         .chain(assets)
-        .chain(stream::once(async {
-            Ok(Bytes::copy_from_slice(&wire::end_block()))
-        }))
+        .chain(stream::once(async { Ok(end) }))
         .inspect_err(error_log::cut_short);
     Ok(response(Body::from_stream(blocks)))
 }
@@ -75,21 +91,48 @@ async fn asset_blocks(
     state: AppState,
     hash: ContentHash,
     asker: Asker,
+    compresses: bool,
 ) -> Result<Vec<Bytes>, LibraryError> {
-    let library = &state.0.library;
-    let asset = state.0.tables.asset(library, &hash).await?;
+    let asset = state.0.tables.asset(&state.0.library, &hash).await?;
+    let blocks = blocks_of(&state, &asset, &hash, asker);
+    let pieces = match compresses {
+        false => blocks.await?,
+        true => {
+            let make = encoding::compressed(blocks);
+            vec![
+                state
+                    .0
+                    .pages
+                    .compressed(Compressed::Opening, &hash, make)
+                    .await?,
+            ]
+        }
+    };
+    state.0.metrics.pages_sent(asset.root_page_count as u64);
+    Ok(pieces)
+}
+
+async fn blocks_of(
+    state: &AppState,
+    asset: &Arc<Asset>,
+    hash: &ContentHash,
+    asker: Asker,
+) -> Result<Vec<Bytes>, LibraryError> {
     let roots = 0..=asset.root_page_count - 1;
     let cache = &state.0.pages;
     let (asset_object, hierarchy, root_pages) = futures_util::try_join!(
-        cache.object(&hash, asker),
+        cache.object(hash, asker),
         cache.object(&asset.hierarchy, asker),
-        cache.pages(&asset, roots, asker),
+        cache.pages(asset, roots, asker),
     )?;
-    state.0.metrics.pages_sent(asset.root_page_count as u64);
     let mut pieces = Vec::with_capacity(8);
-    pieces.extend(block(BlockKind::Asset, hash, asset_object));
+    pieces.extend(block(BlockKind::Asset, *hash, asset_object));
     pieces.extend(block(BlockKind::Hierarchy, asset.hierarchy, hierarchy));
-    pieces.push(block_header(BlockKind::RootPages, hash, root_pages.bytes()));
+    pieces.push(block_header(
+        BlockKind::RootPages,
+        *hash,
+        root_pages.bytes(),
+    ));
     pieces.extend(root_pages);
     let total: usize = pieces.iter().map(Bytes::len).sum();
     Ok(match total <= JOIN_BYTES {

@@ -4,6 +4,7 @@
 //! what depends on it, is read with it, and whole ones, so that no byte gets in whose page does not hash to its name. Answers hold
 //! slices of pieces: nothing is copied.
 
+use std::future::Future;
 use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,6 +39,15 @@ type PieceKey = (ContentHash, u64);
 const WHOLE: u64 = u64::MAX;
 /// What an object is taken for until it is read.
 const OBJECT_BYTES: u64 = 64 * 1024;
+
+/// What is compressed for those who take that; its numbers are no piece's.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Compressed {
+    /// What opens the asset of a hash.
+    Opening = 1,
+    /// The hierarchy of a hash.
+    Hierarchy = 2,
+}
 
 #[derive(Debug, Clone)]
 struct ByBytes;
@@ -222,6 +232,32 @@ impl PageCache {
             Ok(room.keep(self.0.library.object(hash).await?))
         };
         self.0.pieces.get_or_insert_async(&key, read).await
+    }
+
+    /// What `make` gives, made once for all who ask.
+    ///
+    /// # Errors
+    /// Where `make` fails.
+    pub(super) async fn compressed(
+        &self,
+        what: Compressed,
+        hash: &ContentHash,
+        make: impl Future<Output = Result<Bytes, LibraryError>>,
+    ) -> Result<Bytes, LibraryError> {
+        if let Some(held) = self.held_compressed(what, hash) {
+            return Ok(held);
+        }
+        self.0.misses.fetch_add(1, Ordering::Relaxed);
+        let make = async { Ok(self.0.memory.keep(make.await?)) };
+        let key = (*hash, WHOLE - what as u64);
+        self.0.pieces.get_or_insert_async(&key, make).await
+    }
+
+    /// The same, if it is in memory.
+    pub(super) fn held_compressed(&self, what: Compressed, hash: &ContentHash) -> Option<Bytes> {
+        let held = self.0.pieces.get(&(*hash, WHOLE - what as u64))?;
+        self.0.hits.fetch_add(1, Ordering::Relaxed);
+        Some(held)
     }
 
     /// From now on what the system has in memory of an asset's pack is read at once, if the library is a folder.

@@ -64,6 +64,9 @@ pub enum LibraryError {
         /// The operating system's reason.
         cause: std::io::Error,
     },
+    /// What is to be sent cannot be compressed.
+    #[error("cannot compress an answer: {0}")]
+    Compress(std::io::Error),
     /// Bytes are there, and are not what their name or the format promises.
     #[error("library {location}: {path}: {error}")]
     Damaged {
