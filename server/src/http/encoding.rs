@@ -7,6 +7,7 @@ use axum::http::header::{ACCEPT_ENCODING, CONTENT_ENCODING, CONTENT_TYPE, ETAG, 
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use axum::response::Response;
 use bytes::Bytes;
+use tokio::sync::Semaphore;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{And, Predicate, SizeAbove};
 
@@ -16,6 +17,11 @@ use crate::library::LibraryError;
 const LEVEL: i32 = 3;
 /// Shorter texts fit into a packet.
 const TEXT_BYTES: u16 = 1024;
+
+/// So little is compressed in less time than another thread takes to begin.
+const SHORT_BYTES: usize = 32 * 1024;
+/// Who compresses needs a processor, and memory for as much again.
+static COMPRESSING: Semaphore = Semaphore::const_new(2);
 
 /// Says that an answer depends on what its client takes.
 pub(super) const VARIES: (HeaderName, HeaderValue) =
@@ -40,17 +46,23 @@ pub(super) fn takes_zstd(request: &HeaderMap) -> bool {
     members.filter_map(weight).any(|weight| weight > 0.0)
 }
 
-/// `pieces` one after the other, compressed, on a thread that may take its time.
+/// `pieces` one after the other, compressed; what takes its time on a thread that may.
 pub(super) async fn compressed(
     pieces: impl Future<Output = Result<Vec<Bytes>, LibraryError>>,
 ) -> Result<Bytes, LibraryError> {
     let pieces = pieces.await?;
+    let bytes: usize = pieces.iter().map(Bytes::len).sum();
     let compress = move || zstd::bulk::compress(&pieces.concat(), LEVEL).map(Bytes::from);
-    let joined = tokio::task::spawn_blocking(compress).await;
-    joined
-        .map_err(std::io::Error::other)
-        .flatten()
-        .map_err(LibraryError::Compress)
+    let made = match bytes <= SHORT_BYTES {
+        true => compress(),
+        false => {
+            // Never closed, so the permit always comes.
+            let _permit = COMPRESSING.acquire().await;
+            let made = tokio::task::spawn_blocking(compress).await;
+            made.map_err(std::io::Error::other).flatten()
+        }
+    };
+    made.map_err(LibraryError::Compress)
 }
 
 /// The tag of an answer that is compressed: the bytes are others, what they say is the same (RFC 9110, 8.8.1).

@@ -17,8 +17,8 @@ const LONGEST_WAIT: Duration = Duration::from_secs(10);
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
 /// How long a client may take nothing of its answer.
 const PATIENCE: Duration = Duration::from_secs(40);
-/// The same where memory is short.
-const SHORT_PATIENCE: Duration = Duration::from_secs(2);
+/// The same where memory is short: all others may have to wait so long. Two packets that are lost one after the other take less.
+const SHORT_PATIENCE: Duration = Duration::from_millis(750);
 
 /// What there is.
 #[derive(Debug, Default)]

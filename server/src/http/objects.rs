@@ -21,8 +21,8 @@ use super::page_cache::Compressed;
 
 /// Shorter objects are sent as they are.
 const SMALL_BYTES: u64 = 1024;
-/// Longer ones are not held whole: the hierarchy of a billion triangles.
-const HIERARCHY_BYTES: u64 = 128 * 1024 * 1024;
+/// Longer ones, of more than 300 million triangles, are not held whole.
+const HIERARCHY_BYTES: u64 = 32 * 1024 * 1024;
 const BYTES: HeaderValue = HeaderValue::from_static("application/octet-stream");
 
 /// A name in a URL: 64 lower-case hexadecimal digits, nothing else ever reaches the store.

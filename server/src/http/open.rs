@@ -98,14 +98,8 @@ async fn asset_blocks(
     let pieces = match compresses {
         false => blocks.await?,
         true => {
-            let make = encoding::compressed(blocks);
-            vec![
-                state
-                    .0
-                    .pages
-                    .compressed(Compressed::Opening, &hash, make)
-                    .await?,
-            ]
+            let (pages, make) = (&state.0.pages, encoding::compressed(blocks));
+            vec![pages.compressed(Compressed::Opening, &hash, make).await?]
         }
     };
     state.0.metrics.pages_sent(asset.root_page_count as u64);

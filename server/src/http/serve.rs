@@ -16,6 +16,7 @@ use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::Semaphore;
+use tokio_rustls::server::TlsStream;
 
 use super::AppState;
 use super::front::Front;
@@ -28,8 +29,9 @@ use super::workers::Workers;
 /// Longest wait for a request's head, also between two requests of one connection.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
 /// A socket that has so much that is not on its way takes no more; what it takes then may be a segment, 64 KiB, more than that.
-#[cfg(target_os = "linux")]
-const UNSENT_BYTES: u32 = 16 * 1024;
+const UNSENT_BYTES: u32 = 64 * 1024;
+/// The same for HTTP/2, where something more urgent may come.
+const HTTP2_UNSENT_BYTES: u32 = 16 * 1024;
 /// Time between two pings of a silent HTTP/2 connection, and for their answer.
 const PING: Duration = Duration::from_secs(20);
 /// Longest wait for requests in flight after a signal.
@@ -199,7 +201,7 @@ async fn connection<S>(
     service: Front,
     watcher: Watcher,
 ) where
-    S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+    S: OverTcp + AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
     let memory = Arc::clone(service.state().0.pages.memory());
     let mut socket = Socket::new(stream, Arc::clone(&memory));
@@ -207,6 +209,11 @@ async fn connection<S>(
         Ok(None) => Ok(()),
         Ok(Some(read)) => {
             let is_http2 = read.starts_with(b"PRI");
+            if is_http2 && let Err(error) = take_no_more(socket.stream().tcp(), HTTP2_UNSENT_BYTES)
+            {
+                tracing::debug!("connection: {error}");
+                return;
+            }
             socket.unread(read);
             socket.read_within(HEAD_TIMEOUT, PREFACE_BYTES);
             let sending = Arc::clone(service.sending());
@@ -237,9 +244,34 @@ async fn connection<S>(
 /// Sends at once, and lets what is written last go out soon: the system takes no more than it is about to send.
 fn prepare(stream: &TcpStream) -> io::Result<()> {
     stream.set_nodelay(true)?;
-    #[cfg(target_os = "linux")]
-    socket2::SockRef::from(stream).set_tcp_notsent_lowat(UNSENT_BYTES)?;
+    take_no_more(stream, UNSENT_BYTES)
+}
+
+#[cfg(target_os = "linux")]
+fn take_no_more(stream: &TcpStream, unsent_bytes: u32) -> io::Result<()> {
+    socket2::SockRef::from(stream).set_tcp_notsent_lowat(unsent_bytes)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn take_no_more(_: &TcpStream, _: u32) -> io::Result<()> {
     Ok(())
+}
+
+/// What speaks over TCP in the end.
+trait OverTcp {
+    fn tcp(&self) -> &TcpStream;
+}
+
+impl OverTcp for TcpStream {
+    fn tcp(&self) -> &TcpStream {
+        self
+    }
+}
+
+impl OverTcp for TlsStream<TcpStream> {
+    fn tcp(&self) -> &TcpStream {
+        self.get_ref().0
+    }
 }
 
 /// A connection that went before it was accepted is nothing; anything else (no descriptors left) passes with time.

@@ -48,6 +48,11 @@ impl<S> Socket<S> {
         }
     }
 
+    /// What it speaks over.
+    pub(super) fn stream(&self) -> &S {
+        &self.stream
+    }
+
     /// Gives bytes back, to be read again.
     pub(super) fn unread(&mut self, bytes: Bytes) {
         self.unread = bytes;
