@@ -210,20 +210,22 @@ mod tests {
             let memory = Arc::new(Memory::default());
             let _held = short.then(|| memory.keep(Bytes::from(vec![0; 64 << 20])));
             let patience = memory.patience();
+            // Of whole milliseconds, which is what tokio's clock counts.
+            let within = patience - Duration::from_millis(50);
             let (mut client, stream) = duplex(16);
             let mut socket = Socket::new(stream, Arc::clone(&memory));
             let began = Instant::now();
             // A slow client: 8 bytes at a time, each within the time.
             let slow = async {
                 for _ in 0..4 {
-                    tokio::time::sleep(patience * 3 / 4).await;
+                    tokio::time::sleep(within).await;
                     client.read_exact(&mut [0; 8]).await.expect("reads");
                 }
             };
             let (written, ()) = tokio::join!(socket.write_all(&[7; 64]), slow);
             let kind = written.expect_err("the client stopped").kind();
             assert_eq!(kind, io::ErrorKind::TimedOut);
-            assert_eq!(began.elapsed(), patience * 4);
+            assert_eq!(began.elapsed(), within * 4 + patience);
         }
     }
 
