@@ -69,14 +69,14 @@ def processes(name):
 
 
 def used(name):
-    """Processor microseconds so far, and resident MB now."""
+    """Processor microseconds so far, and resident MB of its own now (what is a file's is the system's to let go of)."""
     ticks, kilobytes = 0, 0
     for process in processes(name):
         with open(f"/proc/{process}/stat") as file:
             fields = file.read().rsplit(")", 1)[1].split()
         ticks += int(fields[11]) + int(fields[12])
         with open(f"/proc/{process}/status") as file:
-            kilobytes += int(re.search(r"VmRSS:\s+(\d+)", file.read())[1])
+            kilobytes += int(re.search(r"RssAnon:\s+(\d+)", file.read())[1])
     return ticks * TICK_MICROSECONDS, kilobytes / 1024
 
 
@@ -128,7 +128,7 @@ def measure_streams(name, streams):
 
 def table(title, counts, names, of, measure):
     """Measures and prints rows; gives them."""
-    print(f"{title:>22} {'':5} {'req/s':>8} {'GB/s':>5} {'of nginx':>8} {'p50 ms':>7} {'p99 ms':>7} {'CPU us':>6} {'RSS MB':>6} {'errors':>6}")
+    print(f"{title:>22} {'':5} {'req/s':>8} {'GB/s':>5} {'of nginx':>8} {'p50 ms':>7} {'p99 ms':>7} {'CPU us':>6} {'own MB':>6} {'errors':>6}")
     rows = []
     for count in counts:
         found = {name: [] for name in names}

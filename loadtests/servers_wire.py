@@ -31,7 +31,7 @@ def processor_us(process):
 
 def resident_bytes(process):
     with open(f"/proc/{process}/status") as file:
-        return int(re.search(r"VmRSS:\s+(\d+)", file.read())[1]) * 1024
+        return int(re.search(r"RssAnon:\s+(\d+)", file.read())[1]) * 1024
 
 
 def pages_of_scene():

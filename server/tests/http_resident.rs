@@ -7,12 +7,15 @@ mod support;
 
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use lodestream_format::library::object_path;
 use lodestream_server::library::Library;
 use reqwest::{Client, StatusCode};
 use support::made::{self, Made};
 use support::server::{Running, client};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
 
 const PAGES: u32 = 40;
 
@@ -42,12 +45,16 @@ async fn get(
     }
 }
 
-async fn resident(client: &Client, server: &Running) -> u64 {
-    let metrics = client.get(server.url("/metrics")).send().await.unwrap();
+/// Ranges that were read from the system's memory, or went out from there.
+async fn resident(server: &Running) -> [u64; 2] {
+    // By a connection of its own: one that asked for anything but pages is hyper's, which sends what it holds.
+    let metrics = client().get(server.url("/metrics")).send().await.unwrap();
     let metrics = metrics.text().await.unwrap();
-    let line = "lodestream_page_cache_reads_total{result=\"resident\"} ";
-    let value = metrics.lines().find_map(|found| found.strip_prefix(line));
-    value.unwrap().parse().unwrap()
+    ["resident", "mapped"].map(|result| {
+        let line = format!("lodestream_page_cache_reads_total{{result=\"{result}\"}} ");
+        let value = metrics.lines().find_map(|found| found.strip_prefix(&line));
+        value.unwrap().parse().unwrap()
+    })
 }
 
 fn pack(folder: &Path, asset: &Made) -> PathBuf {
@@ -70,7 +77,7 @@ fn flip(folder: &Path, asset: &Made, page: u32) {
 async fn what_the_system_has_in_memory_is_the_packs_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let (server, asset, client) = served(folder.path()).await;
-    let before = resident(&client, &server).await;
+    let before = resident(&server).await;
     let mut asked = 0;
     for round in 0..3 {
         for first in 0..PAGES {
@@ -86,9 +93,11 @@ async fn what_the_system_has_in_memory_is_the_packs_bytes() {
             asked += 1;
         }
     }
-    // The system may let go of some, hardly of most.
-    let resident = resident(&client, &server).await - before;
-    assert!(resident > asked / 2, "{resident} of {asked}");
+    // The system may let go of some, hardly of most. What was read once goes out from where it is.
+    let [read, mapped] = resident(&server).await;
+    let [read, mapped] = [read - before[0], mapped - before[1]];
+    assert!(read + mapped > asked / 2, "{read} and {mapped} of {asked}");
+    assert!(mapped > read, "{read} and {mapped} of {asked}");
     server.stop().await;
 }
 
@@ -145,5 +154,47 @@ async fn a_pack_that_is_removed_takes_no_place_once_it_is_asked_for() {
     let read = get(&client, &server, &asset, 30, 30).await;
     assert_eq!(read, Err(StatusCode::INTERNAL_SERVER_ERROR));
     assert!(!open());
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_pack_that_is_cut_while_it_is_sent_ends_the_connection_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, asset, client) = served(folder.path()).await;
+    for page in (0..PAGES).chain(0..PAGES) {
+        let read = get(&client, &server, &asset, page, page).await;
+        assert_eq!(read.unwrap(), asset.frame(page));
+    }
+    let [_, mapped] = resident(&server).await;
+    // A client that takes some of the pages, and waits.
+    let mut stream = TcpStream::connect(server.address).await.unwrap();
+    let last = PAGES - 1;
+    let head = format!(
+        "GET /v1/assets/{}/pages/0-{last} HTTP/1.1\r\nhost: x\r\n\r\n",
+        asset.hash
+    );
+    stream.write_all(head.as_bytes()).await.unwrap();
+    let mut read = vec![0; 100_000];
+    stream.read_exact(&mut read).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let file = std::fs::File::options()
+        .write(true)
+        .open(pack(folder.path(), &asset));
+    file.unwrap().set_len(0).unwrap();
+    // A reset is as good an end as any.
+    let _ = stream.read_to_end(&mut read).await;
+    let begin = read
+        .windows(4)
+        .position(|bytes| bytes == b"\r\n\r\n")
+        .unwrap()
+        + 4;
+    let whole: Vec<u8> = (0..PAGES)
+        .flat_map(|page| asset.frame(page).to_vec())
+        .collect();
+    assert!(read.len() - begin < whole.len(), "all of it was sent");
+    assert!(whole.starts_with(&read[begin..]), "other bytes");
+    assert!(resident(&server).await[1] > mapped);
+    let lost = get(&client, &server, &asset, last, last).await;
+    assert_eq!(lost, Err(StatusCode::INTERNAL_SERVER_ERROR));
     server.stop().await;
 }

@@ -5,7 +5,7 @@
 
 use std::cell::RefCell;
 use std::future::{Future, poll_fn};
-use std::io::{self, IoSlice, Write};
+use std::io::{self, Write};
 use std::ops::RangeInclusive;
 use std::pin::pin;
 use std::sync::Arc;
@@ -27,8 +27,8 @@ use super::objects::parse_hash;
 use super::page_cache::runs;
 use super::pages::{self, PAGES_ROUTE};
 use super::requests::{REQUEST_ID, new_id};
-use super::slices::Slices;
-use super::socket::Socket;
+use super::send::Body;
+use super::socket::{OverTcp, Socket};
 
 /// Longest head that is read here; those of viewers have some 150 bytes.
 const HEAD_BYTES: usize = 2048;
@@ -38,7 +38,7 @@ const MAX_FIELDS: usize = 32;
 const BEGIN: &[u8] = b"GET /v1/assets/";
 
 /// Answers requests for pages until something else comes: what was read of that, or nothing where the connection is over.
-pub(super) async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
+pub(super) async fn serve<S: OverTcp + AsyncRead + AsyncWrite + Unpin>(
     socket: &mut Socket<S>,
     front: &Front,
     head_timeout: Duration,
@@ -70,7 +70,8 @@ pub(super) async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         let last = asked.last || state.is_draining();
         let head_bytes = asked.head_bytes;
         state.0.metrics.began();
-        let mut answer = Answer::new(front, &asked).await;
+        let is_plain = socket.stream().plain().is_some();
+        let mut answer = Answer::new(front, &asked, is_plain).await;
         answer.write_head(&mut head, &asked, last);
         let sent = answer.send(socket, front, &head).await;
         answer.finished(front, asked.path, started.elapsed().as_secs_f64());
@@ -160,7 +161,7 @@ struct Answer {
     /// Fields that only errors have.
     fields: HeaderMap,
     /// What goes out with the head, and the pages that come after it.
-    begin: Slices,
+    begin: Body,
     rest: Option<(Arc<Asset>, Runs)>,
     bytes: u64,
     sent_bytes: u64,
@@ -171,8 +172,8 @@ type Runs = Box<dyn Iterator<Item = RangeInclusive<u32>> + Send>;
 
 impl Answer {
     /// The pages, the first ones of them in memory, or why there are none.
-    async fn new(front: &Front, asked: &Asked<'_>) -> Self {
-        match Self::pages(front, asked).await {
+    async fn new(front: &Front, asked: &Asked<'_>, is_plain: bool) -> Self {
+        match Self::pages(front, asked, is_plain).await {
             Ok(answer) => answer,
             Err(error) => {
                 let id = new_id();
@@ -183,7 +184,7 @@ impl Answer {
                     status,
                     fields,
                     bytes: text.len() as u64,
-                    begin: Slices::from_iter([Bytes::from(text)]),
+                    begin: Body::from(text),
                     rest: None,
                     sent_bytes: 0,
                     id: Some(id),
@@ -192,7 +193,7 @@ impl Answer {
         }
     }
 
-    async fn pages(front: &Front, asked: &Asked<'_>) -> Result<Self, HttpError> {
+    async fn pages(front: &Front, asked: &Asked<'_>, is_plain: bool) -> Result<Self, HttpError> {
         let shared = &front.state().0;
         let hash = parse_hash(asked.hash)?;
         let (first, last) = pages::parse_pages(asked.range)?;
@@ -201,7 +202,7 @@ impl Answer {
         let mut answer = Self {
             status: StatusCode::OK,
             fields: HeaderMap::new(),
-            begin: Slices::default(),
+            begin: Body::default(),
             rest: None,
             bytes: bytes.end - bytes.start,
             sent_bytes: 0,
@@ -213,7 +214,7 @@ impl Answer {
             run = runs.next().unwrap_or(run);
             answer.rest = Some((Arc::clone(&asset), Box::new(runs)));
         }
-        answer.begin = shared.pages.pages(&asset, run, front.asker()).await?;
+        answer.begin = Body::of_pages(front, &asset, run, is_plain).await?;
         shared.metrics.pages_sent((last - first + 1) as u64);
         Ok(answer)
     }
@@ -264,7 +265,7 @@ impl Answer {
     }
 
     /// Sends head and pages, run by run; a run that fails cuts the connection, for the status is out by then.
-    async fn send<S: AsyncRead + AsyncWrite + Unpin>(
+    async fn send<S: OverTcp + AsyncRead + AsyncWrite + Unpin>(
         &mut self,
         socket: &mut Socket<S>,
         front: &Front,
@@ -272,19 +273,20 @@ impl Answer {
     ) -> io::Result<()> {
         let begin = std::mem::take(&mut self.begin);
         self.sent_bytes = begin.bytes();
-        send(socket, head, begin).await?;
+        begin.send(socket, head).await?;
         let Some((asset, runs)) = self.rest.take() else {
             return Ok(());
         };
-        let shared = &front.state().0;
+        let is_plain = socket.stream().plain().is_some();
         for run in runs {
-            let pages = shared.pages.pages(&asset, run, front.asker());
-            let pages = pages.await.map_err(|error| {
-                error_log::cut_short(&error);
-                io::Error::other(error)
-            })?;
+            let pages = Body::of_pages(front, &asset, run, is_plain)
+                .await
+                .map_err(|error| {
+                    error_log::cut_short(&error);
+                    io::Error::other(error)
+                })?;
             let bytes = pages.bytes();
-            send(socket, b"", pages).await?;
+            pages.send(socket, b"").await?;
             self.sent_bytes += bytes;
         }
         Ok(())
@@ -313,24 +315,4 @@ fn push_date(head: &mut Vec<u8>) {
         }
         head.extend_from_slice(text.as_bytes());
     });
-}
-
-async fn send<S: AsyncRead + AsyncWrite + Unpin>(
-    socket: &mut Socket<S>,
-    head: &[u8],
-    body: Slices,
-) -> io::Result<()> {
-    let body: Vec<Bytes> = body.collect();
-    let mut pieces = Vec::with_capacity(body.len() + 1);
-    pieces.extend((!head.is_empty()).then(|| IoSlice::new(head)));
-    pieces.extend(body.iter().map(|slice| IoSlice::new(slice)));
-    let mut left = &mut pieces[..];
-    while !left.is_empty() {
-        match socket.write_vectored(left).await? {
-            0 => return Err(io::ErrorKind::WriteZero.into()),
-            sent => IoSlice::advance_slices(&mut left, sent),
-        }
-    }
-    // TLS keeps what it has encrypted.
-    socket.flush().await
 }

@@ -174,6 +174,7 @@ impl Metrics {
             ("miss", cache.misses),
             ("ahead", cache.ahead),
             ("resident", cache.resident),
+            ("mapped", cache.mapped),
         ] {
             writeln!(
                 text,

@@ -16,6 +16,8 @@ mod gather;
 mod health;
 mod http1;
 pub mod limits;
+#[cfg_attr(not(target_os = "linux"), path = "unmapped.rs")]
+mod mapped;
 mod memory;
 mod metrics;
 mod objects;
@@ -30,6 +32,7 @@ mod read_ahead;
 pub mod requests;
 mod resident;
 mod scenes;
+mod send;
 pub mod serve;
 mod slices;
 mod socket;

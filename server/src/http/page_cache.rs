@@ -20,7 +20,7 @@ use quick_cache::sync::Cache;
 use super::fair::{Asker, FairReads};
 use super::memory::{Memory, Room};
 use super::read_ahead;
-use super::resident::Resident;
+use super::resident::{MappedPages, Resident};
 use super::slices::Slices;
 use crate::library::{Library, LibraryError};
 
@@ -73,6 +73,7 @@ struct Inner {
     misses: AtomicU64,
     ahead: AtomicU64,
     resident_reads: AtomicU64,
+    mapped: AtomicU64,
 }
 
 /// What it did so far.
@@ -86,6 +87,8 @@ pub(super) struct CacheCounts {
     pub ahead: u64,
     /// Ranges that were not there, and that the system had in memory.
     pub resident: u64,
+    /// Ranges that went out from the system's memory.
+    pub mapped: u64,
     /// Bytes held now.
     pub bytes: u64,
 }
@@ -104,6 +107,7 @@ impl PageCache {
             misses: AtomicU64::new(0),
             ahead: AtomicU64::new(0),
             resident_reads: AtomicU64::new(0),
+            mapped: AtomicU64::new(0),
         }))
     }
 
@@ -125,6 +129,17 @@ impl PageCache {
             self.begin(asset, numbers(asset, &pages).start, asker);
         }
         Some(Slices::from_iter([read]))
+    }
+
+    /// The same, where they are in the system's memory, if they need no copy there.
+    pub(super) fn mapped(
+        &self,
+        asset: &Arc<Asset>,
+        pages: RangeInclusive<u32>,
+    ) -> Option<MappedPages> {
+        let mapped = self.0.resident.mapped(asset, pages)?;
+        self.0.mapped.fetch_add(1, Ordering::Relaxed);
+        Some(mapped)
     }
 
     fn cached(&self, asset: &Asset, pages: &RangeInclusive<u32>) -> Option<Slices> {
@@ -324,6 +339,7 @@ impl PageCache {
             misses: self.0.misses.load(Ordering::Relaxed),
             ahead: self.0.ahead.load(Ordering::Relaxed),
             resident: self.0.resident_reads.load(Ordering::Relaxed),
+            mapped: self.0.mapped.load(Ordering::Relaxed),
             bytes: self.0.pieces.weight(),
         }
     }

@@ -1,12 +1,14 @@
 //! Pages of a library in a folder that the system has in memory: read from their pack's file at once, without a thread that may block and
-//! without a copy in the cache. What is not in the system's memory is read as from any store.
+//! without a copy in the cache, or sent from where the system has them, where nothing has to be done to them on the way. What is not in the
+//! system's memory is read as from any store.
 //!
 //! A page is held against its hash when it is first read, and again when the pack was changed or the system has let go of some of it, and so
 //! reads from the disk anew. What the system alone, unasked by us, let go of and read again in between is not; viewers check for themselves.
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::ops::RangeInclusive;
+use std::io;
+use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -15,9 +17,11 @@ use std::time::{Duration, SystemTime};
 use bytes::Bytes;
 use lodestream_format::library::object_path;
 use lodestream_format::{Asset, ContentHash};
+use tokio::net::TcpStream;
 use tokio::time::Instant;
 
 use super::buffers::Buffer;
+use super::mapped::MappedFile;
 use super::memory::Memory;
 use super::page_cache::bytes_of;
 
@@ -36,9 +40,11 @@ struct Entry {
     used: Instant,
 }
 
+/// A pack of which some is in use.
 #[derive(Debug)]
 struct Pack {
     file: File,
+    mapped: Option<MappedFile>,
     /// Whose pages these are.
     asset: Weak<Asset>,
     written: SystemTime,
@@ -63,6 +69,7 @@ impl Resident {
         };
         let pack = Arc::new(Pack {
             written,
+            mapped: MappedFile::new(&file),
             file,
             asset: Arc::downgrade(asset),
             reading: AtomicU32::new(1),
@@ -91,12 +98,7 @@ impl Resident {
         if memory.is_short() {
             return None;
         }
-        let pack = self.get(asset)?;
-        if written(&pack.file) != Some(pack.written) {
-            // Changed or removed: it is opened again, if it is there.
-            self.packs().remove(&asset.pack);
-            return None;
-        }
+        let pack = self.unchanged(asset)?;
         let bytes = bytes_of(asset, &pages);
         let mut buffer = Buffer::take();
         let space = buffer.space((bytes.end - bytes.start) as usize)?;
@@ -120,6 +122,33 @@ impl Resident {
         Some(memory.keep(Bytes::from_owner(buffer)))
     }
 
+    /// Frames of pages, end to end, where they are in the system's memory, if all of them were read and held against their hashes since it
+    /// let go of any.
+    pub(super) fn mapped(
+        &self,
+        asset: &Arc<Asset>,
+        pages: RangeInclusive<u32>,
+    ) -> Option<MappedPages> {
+        let pack = self.unchanged(asset)?;
+        let mapped = pack.mapped.as_ref()?;
+        let bytes = bytes_of(asset, &pages);
+        let reading = pack.reading.load(Ordering::Acquire);
+        let checked = pack
+            .checked
+            .get(*pages.start() as usize..=*pages.end() as usize)?;
+        if checked
+            .iter()
+            .any(|checked| checked.load(Ordering::Relaxed) != reading)
+        {
+            return None;
+        }
+        if !mapped.is_resident(&bytes) {
+            pack.reading.fetch_add(1, Ordering::AcqRel);
+            return None;
+        }
+        Some(MappedPages { pack, bytes })
+    }
+
     /// Closes what nobody uses, for ever.
     pub(super) async fn close_unused(&self) {
         loop {
@@ -139,8 +168,45 @@ impl Resident {
         Some(Arc::clone(&entry.pack))
     }
 
+    /// The same, if its file is as it was when it was opened.
+    fn unchanged(&self, asset: &Arc<Asset>) -> Option<Arc<Pack>> {
+        let pack = self.get(asset)?;
+        if written(&pack.file) == Some(pack.written) {
+            return Some(pack);
+        }
+        // Changed or removed: it is opened again, if it is there.
+        self.packs().remove(&asset.pack);
+        None
+    }
+
     fn packs(&self) -> MutexGuard<'_, HashMap<ContentHash, Entry>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Pages that the system has in memory.
+#[derive(Debug)]
+pub(super) struct MappedPages {
+    pack: Arc<Pack>,
+    bytes: Range<u64>,
+}
+
+impl MappedPages {
+    /// Bytes of all of them.
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes.end - self.bytes.start
+    }
+
+    /// Writes `head`, then what comes after the first `sent` bytes, as far as `to` takes it at once; how many bytes that was.
+    ///
+    /// # Errors
+    /// As [`MappedFile::write`].
+    pub(super) fn write(&self, head: &[u8], sent: u64, to: &TcpStream) -> io::Result<usize> {
+        let left = self.bytes.start + sent..self.bytes.end;
+        let mapped = self.pack.mapped.as_ref();
+        mapped
+            .ok_or(io::ErrorKind::Unsupported)?
+            .write(head, &left, to)
     }
 }
 

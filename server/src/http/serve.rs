@@ -16,13 +16,12 @@ use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::Semaphore;
-use tokio_rustls::server::TlsStream;
 
 use super::AppState;
 use super::front::Front;
 use super::gather::Gather;
 use super::http1;
-use super::socket::{PREFACE_BYTES, Socket};
+use super::socket::{OverTcp, PREFACE_BYTES, Socket};
 use super::tls::Tls;
 use super::workers::Workers;
 
@@ -255,23 +254,6 @@ fn take_no_more(stream: &TcpStream, unsent_bytes: u32) -> io::Result<()> {
 #[cfg(not(target_os = "linux"))]
 fn take_no_more(_: &TcpStream, _: u32) -> io::Result<()> {
     Ok(())
-}
-
-/// What speaks over TCP in the end.
-trait OverTcp {
-    fn tcp(&self) -> &TcpStream;
-}
-
-impl OverTcp for TcpStream {
-    fn tcp(&self) -> &TcpStream {
-        self
-    }
-}
-
-impl OverTcp for TlsStream<TcpStream> {
-    fn tcp(&self) -> &TcpStream {
-        self.get_ref().0
-    }
 }
 
 /// A connection that went before it was accepted is nothing; anything else (no descriptors left) passes with time.

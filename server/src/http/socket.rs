@@ -4,7 +4,7 @@
 //! hyper's own header timeout starts only once it knows the protocol, so a connection that stays silent, or stops inside the first bytes,
 //! would be kept for ever; for writing it has none.
 
-use std::future::Future;
+use std::future::{Future, poll_fn};
 use std::io;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -12,13 +12,44 @@ use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use bytes::{Buf, Bytes};
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::io::{AsyncRead, AsyncWrite, Interest, ReadBuf};
+use tokio::net::TcpStream;
 use tokio::time::{Instant, Sleep};
+use tokio_rustls::server::TlsStream;
 
 use super::memory::Memory;
 
 /// Bytes that tell the protocol: the length of HTTP/2's preface.
 pub(super) const PREFACE_BYTES: usize = 24;
+
+/// What speaks over TCP in the end.
+pub(super) trait OverTcp {
+    /// The connection.
+    fn tcp(&self) -> &TcpStream;
+
+    /// The connection, where what is written to it is what the other side reads.
+    fn plain(&self) -> Option<&TcpStream>;
+}
+
+impl OverTcp for TcpStream {
+    fn tcp(&self) -> &TcpStream {
+        self
+    }
+
+    fn plain(&self) -> Option<&TcpStream> {
+        Some(self)
+    }
+}
+
+impl OverTcp for TlsStream<TcpStream> {
+    fn tcp(&self) -> &TcpStream {
+        self.get_ref().0
+    }
+
+    fn plain(&self) -> Option<&TcpStream> {
+        None
+    }
+}
 
 /// A stream with deadlines.
 #[derive(Debug)]
@@ -111,6 +142,38 @@ impl<S> Socket<S> {
             if since + self.memory.patience() <= Instant::now() {
                 return Poll::Ready(Err(error));
             }
+        }
+    }
+}
+
+impl<S: OverTcp> Socket<S> {
+    /// Writes what `write` does to the connection, as soon as that takes something; only where it is [`OverTcp::plain`].
+    pub(super) async fn write_plain(
+        &mut self,
+        mut write: impl FnMut(&TcpStream) -> io::Result<usize>,
+    ) -> io::Result<usize> {
+        poll_fn(|context| {
+            let written = match self.stream.plain() {
+                Some(stream) => poll_write(stream, &mut write, context),
+                None => Poll::Ready(Err(io::ErrorKind::Unsupported.into())),
+            };
+            self.written(written, context)
+        })
+        .await
+    }
+}
+
+fn poll_write(
+    stream: &TcpStream,
+    write: &mut impl FnMut(&TcpStream) -> io::Result<usize>,
+    context: &mut Context<'_>,
+) -> Poll<io::Result<usize>> {
+    loop {
+        ready!(stream.poll_write_ready(context))?;
+        match stream.try_io(Interest::WRITABLE, || write(stream)) {
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            written => return Poll::Ready(written),
         }
     }
 }
