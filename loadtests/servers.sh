@@ -4,7 +4,7 @@
 # alternate, the table shows medians. "folder" is our server with no room for pages of its own. lighttpd and h2o take part where they
 # are installed.
 #
-#   LIBRARY, SCENE   a library and a scene in it (else the sample rock is ingested)
+#   LIBRARY, SCENE   a library and a scene in it (else the sample rock is ingested, of TRIANGLES 12000000)
 #   CONNECTIONS      "16 64 256 1024"      STREAMS "32 128"      ROUNDS 3      SECS 3      CACHE_BYTES of `lodestream-server serve`
 set -eu
 cd "$(dirname "$0")/.."
@@ -24,10 +24,11 @@ rm -rf "$out/www"
 mkdir "$out/www"
 
 if [ -z "${LIBRARY-}" ]; then
-  LIBRARY=$out/library SCENE=rock
   # 1,200 pages of 64 KiB, more than the processor's caches hold.
-  [ -f "$out/rock-12.glb" ] || "$bin/lodestream-loadtests" sample rock --triangles 12000000 --out "$out/rock-12.glb" -q
-  "$bin/lodestream-server" ingest "$out/rock-12.glb" --library "$LIBRARY" --scene rock --codec lz4 -q
+  LIBRARY=$out/library SCENE=rock-${TRIANGLES:=12000000}
+  rock=$out/$SCENE.glb
+  [ -f "$rock" ] || "$bin/lodestream-loadtests" sample rock --triangles "$TRIANGLES" --out "$rock" -q
+  "$bin/lodestream-server" ingest "$rock" --library "$LIBRARY" --scene "$SCENE" --codec lz4 -q
 fi
 
 ours=http://127.0.0.1:7979

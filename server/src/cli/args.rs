@@ -143,7 +143,7 @@ pub(super) struct ServeArgs {
     /// Threads that answer; all cores by default.
     #[arg(long, env = "LODESTREAM_THREADS", value_name = "N", value_parser = values::threads)]
     pub threads: Option<usize>,
-    /// Most bytes of pages and page tables kept in memory; units as in 256MiB.
+    /// Most bytes of pages and page tables kept in memory, of which tables may take 8MiB at least; units as in 256MiB.
     #[arg(long, env = "LODESTREAM_CACHE_BYTES", value_name = "BYTES", default_value_t = DEFAULT_CACHE_BYTES as u64, value_parser = values::bytes)]
     pub cache_bytes: u64,
     /// Most requests a second of one client (an address); more are answered with 429

@@ -82,8 +82,12 @@ struct Shared {
     draining: watch::Sender<bool>,
 }
 
+/// Least room for page tables: those of some 5 GiB of packs.
+const TABLES_BYTES: usize = 8 * 1024 * 1024;
+
 impl AppState {
-    /// State over `library` with at most about `cache_bytes` in memory: a quarter of it for page tables, the rest for pages.
+    /// State over `library` with at most about `cache_bytes` in memory: a quarter of it for page tables, or [`TABLES_BYTES`] if that is
+    /// more, the rest for pages.
     pub fn new(library: Library, cache_bytes: usize) -> Self {
         Self::with_limits(library, cache_bytes, ClientLimits::default())
     }
@@ -93,7 +97,7 @@ impl AppState {
         Self(Arc::new(Shared {
             pages: PageCache::new(library.clone(), cache_bytes - cache_bytes / 4),
             library,
-            tables: AssetTables::new(cache_bytes / 4),
+            tables: AssetTables::new(TABLES_BYTES.max(cache_bytes / 4)),
             viewers: Viewers::default(),
             posts: Semaphore::new(post_pages::POSTS_BYTES),
             metrics: Metrics::default(),

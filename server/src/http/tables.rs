@@ -1,4 +1,5 @@
-//! Page tables of assets, each parsed once, least recently used first out when there are too many bytes of them.
+//! Page tables of assets, each parsed once, least recently used first out when there are too many bytes of them. The one used last stays
+//! however large it is: parsing takes longer than anything else that is done for a page.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -128,6 +129,7 @@ impl Tables {
             .map(|(hash, entry)| (entry.used, *hash))
             .collect();
         oldest.sort_unstable();
+        oldest.pop();
         for (_, hash) in oldest {
             if self.bytes <= target {
                 break;
@@ -205,6 +207,24 @@ mod tests {
             assert!(inner.entries.contains_key(&hashes[0]), "the used one stays");
         }
         assert!(tables.lock().entries.len() < 40);
+    }
+
+    #[tokio::test]
+    async fn what_is_larger_than_the_map_is_held_until_something_else_is_used() {
+        let library = Library::open("memory://").expect("memory opens");
+        let tables = AssetTables::new(1);
+        let mut held = None;
+        for number in 0..4 {
+            let bytes = asset(number).encode().expect("encodes");
+            let stored = library.put_object(Bytes::from(bytes), 0).await;
+            let (hash, _) = stored.expect("stores");
+            tables.asset(&library, &hash).await.expect("reads");
+            assert!(tables.held(&hash).is_some());
+            assert!(
+                held.replace(hash)
+                    .is_none_or(|before| tables.held(&before).is_none())
+            );
+        }
     }
 
     #[tokio::test]
