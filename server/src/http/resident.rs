@@ -2,8 +2,9 @@
 //! without a copy in the cache, or sent from where the system has them, where nothing has to be done to them on the way. What is not in the
 //! system's memory is read as from any store.
 //!
-//! A page is held against its hash when it is first read, and again when the pack was changed or the system has let go of some of it, and so
-//! reads from the disk anew. What the system alone, unasked by us, let go of and read again in between is not; viewers check for themselves.
+//! A page is held against its hash when it is first read, and again when the pack was changed or the system has let go of it or of what lies
+//! within [`REGION_BYTES`], and so reads from the disk anew. What the system alone, unasked by us, let go of and read again in between is
+//! not; viewers check for themselves.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -27,6 +28,8 @@ use super::page_cache::bytes_of;
 
 /// Packs that nobody asked for so long are closed: a pack that `gc` removed takes its place on the disk while it is open.
 const UNUSED: Duration = Duration::from_secs(20);
+/// The system lets go of more than a page, and reads more than a page again, but hardly ever so much at once.
+const REGION_BYTES: u64 = 8 * 1024 * 1024;
 /// Most packs that are open.
 const MOST: usize = 1024;
 
@@ -48,10 +51,27 @@ struct Pack {
     /// Whose pages these are.
     asset: Weak<Asset>,
     written: SystemTime,
-    /// How often the system had let go of some of it, and one.
-    reading: AtomicU32,
-    /// In which reading a page had the bytes that its hash names; 0 for none.
+    /// How often the system had let go of some of a region or of those beside it, and one.
+    readings: Box<[AtomicU32]>,
+    /// In which reading of the region that it begins in a page had the bytes that its hash names; 0 for none.
     checked: Box<[AtomicU32]>,
+}
+
+impl Pack {
+    fn reading(&self, offset: u64) -> u32 {
+        let region = self.readings.get((offset / REGION_BYTES) as usize);
+        region.map_or(0, |reading| reading.load(Ordering::Acquire))
+    }
+
+    /// The system has not all of these bytes.
+    fn let_go(&self, bytes: &Range<u64>) {
+        let first = (bytes.start / REGION_BYTES).saturating_sub(1) as usize;
+        let after = (bytes.end / REGION_BYTES + 2).min(self.readings.len() as u64) as usize;
+        let regions = self.readings.get(first..after).unwrap_or_default();
+        for reading in regions {
+            reading.fetch_add(1, Ordering::AcqRel);
+        }
+    }
 }
 
 impl Resident {
@@ -67,12 +87,14 @@ impl Resident {
         let Some(written) = written(&file) else {
             return;
         };
+        let bytes = asset.pages.last().map_or(0, |page| page.offset);
+        let regions = bytes / REGION_BYTES + 1;
         let pack = Arc::new(Pack {
             written,
             mapped: MappedFile::new(&file),
             file,
             asset: Arc::downgrade(asset),
-            reading: AtomicU32::new(1),
+            readings: (0..regions).map(|_| AtomicU32::new(1)).collect(),
             checked: asset.pages.iter().map(|_| AtomicU32::new(0)).collect(),
         });
         let used = Instant::now();
@@ -102,14 +124,22 @@ impl Resident {
         let bytes = bytes_of(asset, &pages);
         let mut buffer = Buffer::take();
         let space = buffer.space((bytes.end - bytes.start) as usize)?;
-        let reading = pack.reading.load(Ordering::Acquire);
+        // What is let go of from now on is another reading. Space is less than a region, so there are no others.
+        let (begin, end) = (
+            pack.reading(bytes.start),
+            pack.reading(bytes.end.saturating_sub(1)),
+        );
         if !read_now(&pack.file, bytes.start, space) {
-            pack.reading.fetch_add(1, Ordering::AcqRel);
+            pack.let_go(&bytes);
             return None;
         }
         for page in pages {
             let entry = &asset.pages[page as usize];
             let checked = pack.checked.get(page as usize)?;
+            let reading = match entry.offset / REGION_BYTES == bytes.start / REGION_BYTES {
+                true => begin,
+                false => end,
+            };
             if checked.load(Ordering::Relaxed) != reading {
                 let begin = (entry.offset - bytes.start) as usize;
                 let frame = &space[begin..begin + entry.bytes as usize];
@@ -132,18 +162,14 @@ impl Resident {
         let pack = self.unchanged(asset)?;
         let mapped = pack.mapped.as_ref()?;
         let bytes = bytes_of(asset, &pages);
-        let reading = pack.reading.load(Ordering::Acquire);
-        let checked = pack
-            .checked
-            .get(*pages.start() as usize..=*pages.end() as usize)?;
-        if checked
-            .iter()
-            .any(|checked| checked.load(Ordering::Relaxed) != reading)
-        {
-            return None;
+        for page in pages {
+            let reading = pack.reading(asset.pages.get(page as usize)?.offset);
+            if pack.checked.get(page as usize)?.load(Ordering::Relaxed) != reading {
+                return None;
+            }
         }
         if !mapped.is_resident(&bytes) {
-            pack.reading.fetch_add(1, Ordering::AcqRel);
+            pack.let_go(&bytes);
             return None;
         }
         Some(MappedPages { pack, bytes })
@@ -232,4 +258,30 @@ fn written(file: &File) -> Option<SystemTime> {
         return None;
     }
     metadata.modified().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_lies_near_to_what_was_let_go_of_is_in_another_reading() {
+        let pack = Pack {
+            file: tempfile::tempfile().expect("a file"),
+            mapped: None,
+            asset: Weak::new(),
+            written: SystemTime::UNIX_EPOCH,
+            readings: (0..6).map(|_| AtomicU32::new(1)).collect(),
+            checked: [].into(),
+        };
+        let readings = || -> [u32; 6] {
+            std::array::from_fn(|region| pack.reading(region as u64 * REGION_BYTES))
+        };
+        pack.let_go(&(3 * REGION_BYTES - 1..3 * REGION_BYTES + 1));
+        assert_eq!(readings(), [1, 2, 2, 2, 2, 1]);
+        pack.let_go(&(0..1));
+        pack.let_go(&(6 * REGION_BYTES - 2..6 * REGION_BYTES - 1));
+        assert_eq!(readings(), [2, 3, 2, 2, 3, 2]);
+        assert_eq!(pack.reading(6 * REGION_BYTES), 0, "there is none");
+    }
 }
