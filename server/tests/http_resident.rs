@@ -73,6 +73,11 @@ fn flip(folder: &Path, asset: &Made, page: u32) {
     file.write_all_at(&[byte[0] ^ 4], at).unwrap();
 }
 
+/// Longer than the server's time between two looks at a pack's file.
+async fn noticed() {
+    tokio::time::sleep(Duration::from_millis(5)).await;
+}
+
 #[tokio::test]
 async fn what_the_system_has_in_memory_is_the_packs_bytes() {
     let folder = tempfile::tempdir().unwrap();
@@ -114,6 +119,7 @@ async fn a_page_that_changes_on_the_disk_is_never_sent() {
         pages
             .clone()
             .for_each(|page| flip(folder.path(), &asset, page));
+        noticed().await;
         let mut refused = 0;
         for page in pages.clone() {
             match get(&client, &server, &asset, page, page).await {
@@ -131,6 +137,7 @@ async fn a_page_that_changes_on_the_disk_is_never_sent() {
         pages
             .clone()
             .for_each(|page| flip(folder.path(), &asset, page));
+        noticed().await;
         for page in pages {
             let read = get(&client, &server, &asset, page, page).await;
             assert_eq!(read.unwrap(), asset.frame(page));
@@ -151,6 +158,7 @@ async fn a_pack_that_is_removed_takes_no_place_once_it_is_asked_for() {
     };
     assert!(open());
     std::fs::remove_file(&pack).unwrap();
+    noticed().await;
     let read = get(&client, &server, &asset, 30, 30).await;
     assert_eq!(read, Err(StatusCode::INTERNAL_SERVER_ERROR));
     assert!(!open());

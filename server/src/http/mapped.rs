@@ -73,10 +73,10 @@ impl MappedFile {
         true
     }
 
-    /// Writes `head`, then these bytes of the file, as many as `to` takes at once; how many these were.
+    /// Writes `head`, then these bytes of the file, as many as `to`, a socket, takes at once; how many these were.
     ///
     /// # Errors
-    /// As writev(2); `UnexpectedEof` where the file has become shorter.
+    /// As sendmsg(2); `UnexpectedEof` where the file has become shorter.
     pub(super) fn write(
         &self,
         head: &[u8],
@@ -96,8 +96,13 @@ impl MappedFile {
             piece(head.as_ptr().cast(), head.len()),
             piece(at, end - begin),
         ];
+        // SAFETY: all zeros are a message of nothing.
+        let mut message: libc::msghdr = unsafe { std::mem::zeroed() };
+        message.msg_iov = pieces.as_ptr().cast_mut();
+        message.msg_iovlen = pieces.len();
         // SAFETY: both pieces are there until the call returns, and are only read; what the mapping's file has lost is an error of the call.
-        let written = unsafe { libc::writev(to.as_fd().as_raw_fd(), pieces.as_ptr(), 2) };
+        let written =
+            unsafe { libc::sendmsg(to.as_fd().as_raw_fd(), &message, libc::MSG_NOSIGNAL) };
         usize::try_from(written).map_err(|_| match io::Error::last_os_error() {
             error if error.raw_os_error() == Some(libc::EFAULT) => {
                 let (whole, needed) = (self.bytes, end);

@@ -30,6 +30,8 @@ use super::page_cache::bytes_of;
 const UNUSED: Duration = Duration::from_secs(20);
 /// The system lets go of more than a page, and reads more than a page again, but hardly ever so much at once.
 const REGION_BYTES: u64 = 8 * 1024 * 1024;
+/// Time between two looks at a pack's file, which nobody who keeps to the library's rules ever changes.
+const LOOK_AGAIN: Duration = Duration::from_millis(1);
 /// Most packs that are open.
 const MOST: usize = 1024;
 
@@ -41,6 +43,8 @@ pub(super) struct Resident(Mutex<HashMap<ContentHash, Entry>>);
 struct Entry {
     pack: Arc<Pack>,
     used: Instant,
+    /// When its file was as it had been when it was opened.
+    unchanged: Instant,
 }
 
 /// A pack of which some is in use.
@@ -97,17 +101,24 @@ impl Resident {
             readings: (0..regions).map(|_| AtomicU32::new(1)).collect(),
             checked: asset.pages.iter().map(|_| AtomicU32::new(0)).collect(),
         });
-        let used = Instant::now();
+        let now = Instant::now();
         let mut packs = self.packs();
         if packs.len() >= MOST {
             packs.clear();
         }
-        packs.insert(asset.pack, Entry { pack, used });
+        packs.insert(
+            asset.pack,
+            Entry {
+                pack,
+                used: now,
+                unchanged: now,
+            },
+        );
     }
 
     /// Whether the pack of an asset is open.
     pub(super) fn has(&self, asset: &Arc<Asset>) -> bool {
-        self.get(asset).is_some()
+        self.unchanged(asset).is_some()
     }
 
     /// Frames of pages, end to end, if the pack is open and the system has all of them in memory; what they take counts in `memory`.
@@ -184,25 +195,24 @@ impl Resident {
         }
     }
 
-    fn get(&self, asset: &Arc<Asset>) -> Option<Arc<Pack>> {
+    /// The pack of an asset, if it is open and its file is as it was when that was opened, [`LOOK_AGAIN`] ago at most.
+    fn unchanged(&self, asset: &Arc<Asset>) -> Option<Arc<Pack>> {
         let mut packs = self.packs();
         let entry = packs.get_mut(&asset.pack)?;
         if !std::ptr::eq(entry.pack.asset.as_ptr(), Arc::as_ptr(asset)) {
             return None;
         }
-        entry.used = Instant::now();
-        Some(Arc::clone(&entry.pack))
-    }
-
-    /// The same, if its file is as it was when it was opened.
-    fn unchanged(&self, asset: &Arc<Asset>) -> Option<Arc<Pack>> {
-        let pack = self.get(asset)?;
-        if written(&pack.file) == Some(pack.written) {
-            return Some(pack);
+        let now = Instant::now();
+        entry.used = now;
+        if now - entry.unchanged >= LOOK_AGAIN {
+            if written(&entry.pack.file) != Some(entry.pack.written) {
+                // Changed or removed: it is opened again, if it is there.
+                packs.remove(&asset.pack);
+                return None;
+            }
+            entry.unchanged = now;
         }
-        // Changed or removed: it is opened again, if it is there.
-        self.packs().remove(&asset.pack);
-        None
+        Some(Arc::clone(&entry.pack))
     }
 
     fn packs(&self) -> MutexGuard<'_, HashMap<ContentHash, Entry>> {
