@@ -21,9 +21,13 @@ const PAGES: u32 = 40;
 
 /// A library in a folder under a server that holds an eighth of the pages itself; one was read, so that the pack is open.
 async fn served(folder: &Path) -> (Running, Made, Client) {
+    served_with_cache(folder, 400_000).await
+}
+
+async fn served_with_cache(folder: &Path, cache_bytes: usize) -> (Running, Made, Client) {
     let library = Library::open(folder.to_str().unwrap()).unwrap();
     let asset = made::asset(&library, 5, PAGES, 60_000).await;
-    let server = Running::start_with_cache(library, 400_000).await;
+    let server = Running::start_with_cache(library, cache_bytes).await;
     let client = client();
     let first = get(&client, &server, &asset, 0, 0).await;
     assert_eq!(first.unwrap(), asset.frame(0));
@@ -47,10 +51,14 @@ async fn get(
 
 /// Ranges that were read from the system's memory, or went out from there.
 async fn resident(server: &Running) -> [u64; 2] {
+    reads(server, ["resident", "mapped"]).await
+}
+
+async fn reads<const N: usize>(server: &Running, results: [&str; N]) -> [u64; N] {
     // By a connection of its own: one that asked for anything but pages is hyper's, which sends what it holds.
     let metrics = client().get(server.url("/metrics")).send().await.unwrap();
     let metrics = metrics.text().await.unwrap();
-    ["resident", "mapped"].map(|result| {
+    results.map(|result| {
         let line = format!("lodestream_page_cache_reads_total{{result=\"{result}\"}} ");
         let value = metrics.lines().find_map(|found| found.strip_prefix(&line));
         value.unwrap().parse().unwrap()
@@ -205,4 +213,19 @@ async fn a_pack_that_is_cut_while_it_is_sent_ends_the_connection_and_nothing_els
     let lost = get(&client, &server, &asset, last, last).await;
     assert_eq!(lost, Err(StatusCode::INTERNAL_SERVER_ERROR));
     server.stop().await;
+}
+
+#[tokio::test]
+async fn every_piece_of_a_range_that_is_asked_for_often_gets_into_the_cache() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, asset, _) = served_with_cache(folder.path(), 8_000_000).await;
+    let client = support::server::client_h2();
+    for _ in 0..1000 {
+        let [resident] = reads(&server, ["resident"]).await;
+        get(&client, &server, &asset, 10, 13).await.unwrap();
+        if reads(&server, ["resident"]).await == [resident] {
+            return server.stop().await;
+        }
+    }
+    panic!("a thousand answers, and none from the cache alone");
 }

@@ -28,8 +28,8 @@ use crate::library::{Library, LibraryError};
 pub(super) const PIECE_BYTES: u64 = 128 * 1024;
 /// Most bytes of an answer that are held at once: joining pages up to that gives 1.5 times the bytes a second on loopback, more nothing.
 pub(super) const RUN_BYTES: u64 = 256 * 1024;
-/// Of so many answers from the system's memory one has its first piece brought into the cache, which is a third faster still: often while
-/// the cache has room, seldom where that takes another's place.
+/// Of so many answers from the system's memory one has a piece brought into the cache, which is a third faster still: often while the
+/// cache has room, seldom where that takes another's place.
 const RESIDENT_READS: [u64; 2] = [16, 256];
 /// Reads of one range at a time.
 const READS_AHEAD: usize = 8;
@@ -127,8 +127,12 @@ impl PageCache {
         let read = self.0.resident.read(asset, pages.clone(), memory)?;
         let reads = self.0.resident_reads.fetch_add(1, Ordering::Relaxed);
         let is_full = self.0.pieces.weight() > self.0.pieces.capacity() / 8 * 7;
-        if reads.is_multiple_of(RESIDENT_READS[usize::from(is_full)]) {
-            self.begin(asset, numbers(asset, &pages).start, asker);
+        let every = RESIDENT_READS[usize::from(is_full)];
+        if reads.is_multiple_of(every) {
+            // Each piece has its turn, for an answer is from the cache where all of its pieces are.
+            let numbers = numbers(asset, &pages);
+            let nth = (reads / every) % (numbers.end - numbers.start).max(1);
+            self.begin(asset, numbers.start + nth, asker);
         }
         Some(Slices::from_iter([read]))
     }
