@@ -76,12 +76,8 @@ fn server_and_folder_give_the_same_answers() {
         );
         assert_eq!(a.scene, b.scene);
         assert_eq!(a.page_count(), scene.opened.page_count());
-        assert!(
-            0 < a.open_bytes && a.open_bytes < b.open_bytes,
-            "compressed on the way: {} of {} bytes",
-            a.open_bytes,
-            b.open_bytes
-        );
+        let on_the_way = (1..b.open_bytes).contains(&a.open_bytes);
+        assert!(on_the_way, "compressed: {}", a.open_bytes);
         for ((a, b), made) in a.assets.iter().zip(&b.assets).zip(&scene.assets) {
             assert_eq!(
                 (a.hash, &a.asset, &a.hierarchy),
