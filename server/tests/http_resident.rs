@@ -110,7 +110,7 @@ async fn what_the_system_has_in_memory_is_the_packs_bytes() {
     let [read, mapped] = resident(&server).await;
     let [read, mapped] = [read - before[0], mapped - before[1]];
     assert!(read + mapped > asked / 2, "{read} and {mapped} of {asked}");
-    assert!(mapped > read, "{read} and {mapped} of {asked}");
+    assert!(mapped > 0, "{read} and {mapped} of {asked}");
     server.stop().await;
 }
 
