@@ -66,9 +66,20 @@ impl Asset {
 
     /// Reads and checks an asset object.
     pub fn decode(bytes: &[u8]) -> Result<Self, FormatError> {
-        let asset: Self = message::decode(MAGIC, bytes)?;
+        Self::decode_within(bytes, u64::MAX)
+    }
+
+    /// Reads and checks an asset object that may take `memory_bytes` with its message.
+    pub fn decode_within(bytes: &[u8], memory_bytes: u64) -> Result<Self, FormatError> {
+        let asset: Self = message::decode(MAGIC, bytes, memory_bytes)?;
         asset.check()?;
         Ok(asset)
+    }
+
+    /// Bytes that it takes in memory.
+    pub fn memory_bytes(&self) -> u64 {
+        let dependencies = self.pages.iter().map(|page| page.dependencies.len());
+        (size_of_val(&self.pages[..]) + 4 * dependencies.sum::<usize>()) as u64
     }
 
     fn check(&self) -> Result<(), FormatError> {

@@ -6,7 +6,7 @@ use crate::bounds::{Aabb, Sphere};
 use crate::cluster::NO_GROUP;
 use crate::disk_form::DiskForm;
 use crate::error::{FormatError, ensure};
-use crate::limits::{HIERARCHY_WIDTH, MAX_GROUP_PARTS};
+use crate::limits::{HIERARCHY_WIDTH, MAX_GROUP_PARTS, MAX_HIERARCHY_DEPTH};
 
 /// "LSH1".
 pub const MAGIC: u32 = u32::from_le_bytes(*b"LSH1");
@@ -200,6 +200,12 @@ impl Hierarchy {
             "hierarchy depth",
             hierarchy.depth,
             header[4],
+        )?;
+        ensure(
+            hierarchy.depth <= MAX_HIERARCHY_DEPTH,
+            "hierarchy depth",
+            format_args!("at most {MAX_HIERARCHY_DEPTH}"),
+            hierarchy.depth,
         )?;
         ensure(
             header[5..] == [0; 3],

@@ -1,6 +1,7 @@
 //! Names inside a library: the same in a folder, an object store and a URL.
 //!
 //! ```text
+//! library.json        the mark: this is a library, and of which version
 //! objects/ab/ab12…   any immutable object, named by its BLAKE3-256
 //! scenes/NAME        JSON: which scene object the name points at; swapped atomically
 //! ```
@@ -9,6 +10,14 @@ use crate::error::{FormatError, ensure};
 use crate::hash::ContentHash;
 use crate::limits::MAX_SCENE_NAME_BYTES;
 
+/// Path of the mark.
+pub const MARK: &str = "library.json";
+/// Version of the layout that this program writes, and the newest one that it reads.
+pub const LIBRARY_VERSION: u64 = 1;
+/// Longest mark that is read.
+pub const MAX_MARK_BYTES: u64 = 4096;
+/// Value of `format` in the mark of every version.
+pub const MARK_FORMAT: &str = "lodestream-library";
 /// Folder of the named references.
 pub const SCENES: &str = "scenes";
 /// Folder of the immutable objects.
@@ -26,11 +35,13 @@ pub fn scene_path(name: &str) -> Result<String, FormatError> {
     let ok = (1..=MAX_SCENE_NAME_BYTES).contains(&name.len())
         && name.bytes().all(allowed)
         && name.as_bytes()[0].is_ascii_alphanumeric();
+    // A stranger's name may have megabytes.
+    let start: String = name.chars().take(MAX_SCENE_NAME_BYTES + 1).collect();
     ensure(
         ok,
         "scene name",
         "1 to 200 of A-Z a-z 0-9 . _ -, a letter or digit first",
-        format!("{name:?}"),
+        format_args!("{start:?}"),
     )?;
     Ok(format!("{SCENES}/{name}"))
 }

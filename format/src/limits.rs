@@ -28,6 +28,9 @@ pub const MAX_LEVELS: usize = 63;
 pub const MAX_MATERIAL_SLOTS: usize = 65_535;
 /// Children of a hierarchy node.
 pub const HIERARCHY_WIDTH: usize = 8;
+/// Most levels of a hierarchy's nodes: culling takes a round a level, and eight-wide trees need
+/// few.
+pub const MAX_HIERARCHY_DEPTH: u32 = 64;
 /// Most pages that one page may depend on.
 pub const MAX_PAGE_DEPENDENCIES: usize = 65_535;
 /// Most bytes of a decoded asset, scene or wire message (bincode's limit).

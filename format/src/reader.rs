@@ -1,4 +1,4 @@
-//! Takes fixed-size pieces off a growing buffer.
+//! Takes pieces off a buffer of what came.
 
 /// Bytes that came but do not make a whole message yet.
 #[derive(Debug, Default)]
@@ -9,10 +9,8 @@ pub(crate) struct Pending {
 
 impl Pending {
     pub fn push(&mut self, bytes: &[u8]) {
-        if self.taken > 0 && self.taken * 2 >= self.bytes.len() {
-            self.bytes.drain(..self.taken);
-            self.taken = 0;
-        }
+        self.bytes.drain(..self.taken);
+        self.taken = 0;
         self.bytes.extend_from_slice(bytes);
     }
 
@@ -20,10 +18,11 @@ impl Pending {
         self.bytes.get(self.taken..self.taken.checked_add(count)?)
     }
 
-    pub fn take(&mut self, count: usize) -> Option<Vec<u8>> {
-        let bytes = self.peek(count)?.to_vec();
-        self.taken += count;
-        Some(bytes)
+    /// Up to `most` bytes, as many as came.
+    pub fn take(&mut self, most: usize) -> &[u8] {
+        let start = self.taken;
+        self.taken += most.min(self.bytes.len() - start);
+        &self.bytes[start..self.taken]
     }
 
     pub fn is_empty(&self) -> bool {

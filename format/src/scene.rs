@@ -1,5 +1,9 @@
 //! A scene: instances, materials and textures over assets.
 
+use bincode::Decode;
+use bincode::de::Decoder;
+use bincode::error::DecodeError;
+
 use crate::error::{FormatError, ensure};
 use crate::hash::ContentHash;
 use crate::message;
@@ -119,7 +123,7 @@ pub struct Texture {
 }
 
 /// Everything that a viewer needs beside the assets themselves.
-#[derive(Debug, Clone, PartialEq, Default, bincode::Encode, bincode::Decode)]
+#[derive(Debug, Clone, PartialEq, Default, bincode::Encode)]
 pub struct Scene {
     /// Assets, each once.
     pub assets: Vec<SceneAsset>,
@@ -143,9 +147,28 @@ impl Scene {
 
     /// Reads and checks a scene object.
     pub fn decode(bytes: &[u8]) -> Result<Self, FormatError> {
-        let scene: Self = message::decode(MAGIC, bytes)?;
+        Self::decode_within(bytes, u64::MAX)
+    }
+
+    /// Reads and checks a scene object that may take `memory_bytes` with its message.
+    pub fn decode_within(bytes: &[u8], memory_bytes: u64) -> Result<Self, FormatError> {
+        let scene: Self = message::decode(MAGIC, bytes, memory_bytes)?;
         scene.check()?;
         Ok(scene)
+    }
+
+    /// Bytes that it takes in memory.
+    pub fn memory_bytes(&self) -> u64 {
+        let assets = self.assets.iter();
+        let names = assets.map(|used| used.name.len() + size_of_val(&used.materials[..]));
+        let materials = self.materials.iter().map(|material| material.name.len());
+        let warnings = self.warnings.iter().map(String::len);
+        let lists = size_of_val(&self.assets[..])
+            + size_of_val(&self.instances[..])
+            + size_of_val(&self.materials[..])
+            + size_of_val(&self.textures[..])
+            + size_of_val(&self.warnings[..]);
+        (lists + names.sum::<usize>() + materials.sum::<usize>() + warnings.sum::<usize>()) as u64
     }
 
     fn check(&self) -> Result<(), FormatError> {
@@ -205,4 +228,27 @@ impl Scene {
         }
         Ok(())
     }
+}
+
+impl<Context> Decode<Context> for Scene {
+    fn decode<D: Decoder<Context = Context>>(decoder: &mut D) -> Result<Self, DecodeError> {
+        Ok(Self {
+            assets: list(decoder)?,
+            instances: list(decoder)?,
+            materials: list(decoder)?,
+            textures: list(decoder)?,
+            source_triangles: Decode::decode(decoder)?,
+            warnings: list(decoder)?,
+        })
+    }
+}
+
+/// A list whose memory stays counted: bincode alone takes it off its limit once the list is read,
+/// and each list of a scene could then fill the whole limit.
+fn list<Context, T: Decode<Context> + 'static, D: Decoder<Context = Context>>(
+    decoder: &mut D,
+) -> Result<Vec<T>, DecodeError> {
+    let list: Vec<T> = Decode::decode(decoder)?;
+    decoder.claim_bytes_read(size_of_val(&list[..]))?;
+    Ok(list)
 }

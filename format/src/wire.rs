@@ -84,10 +84,36 @@ pub fn end_block() -> [u8; BLOCK_HEADER_BYTES] {
     block_header(BlockKind::End, PageStatus::Ok, 0, ContentHash([0; 32]), 0)
 }
 
+/// A block as its header announces it, before its payload has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BlockHeader {
+    /// See [`Block::kind`].
+    pub kind: BlockKind,
+    /// See [`Block::status`].
+    pub status: PageStatus,
+    /// See [`Block::page`].
+    pub page: u32,
+    /// See [`Block::hash`].
+    pub hash: ContentHash,
+    /// Bytes of the payload.
+    pub payload_bytes: u64,
+}
+
+/// A stage of a block's arrival.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum BlockEvent {
+    /// Its header came. Nothing of its payload is kept before the next event is asked for.
+    Announced(BlockHeader),
+    /// All of it came.
+    Whole(Block),
+}
+
 /// Cuts a stream of bytes into blocks.
 #[derive(Debug, Default)]
 pub struct BlockReader {
     pending: Pending,
+    announced: Option<BlockHeader>,
+    payload: Vec<u8>,
     ended: bool,
 }
 
@@ -99,6 +125,43 @@ impl BlockReader {
 
     /// The next whole block that is not the end, if it has come.
     pub fn next_block(&mut self) -> Result<Option<Block>, FormatError> {
+        loop {
+            match self.next_event()? {
+                Some(BlockEvent::Announced(_)) => {}
+                Some(BlockEvent::Whole(block)) => return Ok(Some(block)),
+                None => return Ok(None),
+            }
+        }
+    }
+
+    /// The next header or whole block. A header is to be checked where a stranger sends it: the
+    /// payload's memory grows as it comes, up to the announced size.
+    pub fn next_event(&mut self) -> Result<Option<BlockEvent>, FormatError> {
+        let Some(header) = self.announced else {
+            return Ok(self.next_header()?.map(BlockEvent::Announced));
+        };
+        let missing = header.payload_bytes as usize - self.payload.len();
+        let came = self.pending.take(missing);
+        // No more than twice what came, and never beyond the end.
+        if self.payload.capacity() - self.payload.len() < came.len() {
+            let room = came.len().max(self.payload.len()).min(missing);
+            self.payload.reserve_exact(room);
+        }
+        self.payload.extend_from_slice(came);
+        if came.len() < missing {
+            return Ok(None);
+        }
+        self.announced = None;
+        Ok(Some(BlockEvent::Whole(Block {
+            kind: header.kind,
+            status: header.status,
+            page: header.page,
+            hash: header.hash,
+            payload: std::mem::take(&mut self.payload),
+        })))
+    }
+
+    fn next_header(&mut self) -> Result<Option<BlockHeader>, FormatError> {
         ensure(
             !self.ended || self.pending.is_empty(),
             "blocks",
@@ -130,31 +193,30 @@ impl BlockReader {
             status => return Err(FormatError::new("block status", "0..=2", status)),
         };
         let page = u32_at(header, 12);
-        let length = u64_at(header, 16);
+        let payload_bytes = u64_at(header, 16);
         ensure(
-            length <= MAX_MESSAGE_BYTES as u64,
+            payload_bytes <= MAX_MESSAGE_BYTES as u64,
             "block length",
             format_args!("at most {MAX_MESSAGE_BYTES}"),
-            length,
+            payload_bytes,
         )?;
         let mut hash = ContentHash([0; 32]);
         hash.0.copy_from_slice(&header[24..]);
-        let Some(mut payload) = self.pending.take(BLOCK_HEADER_BYTES + length as usize) else {
-            return Ok(None);
-        };
-        payload.drain(..BLOCK_HEADER_BYTES);
+        self.pending.take(BLOCK_HEADER_BYTES);
         if kind == BlockKind::End {
-            ensure(length == 0, "end block length", 0, length)?;
+            ensure(payload_bytes == 0, "end block length", 0, payload_bytes)?;
             self.ended = true;
-            return self.next_block();
+            return self.next_header();
         }
-        Ok(Some(Block {
+        let header = BlockHeader {
             kind,
             status,
             page,
             hash,
-            payload,
-        }))
+            payload_bytes,
+        };
+        self.announced = Some(header);
+        Ok(Some(header))
     }
 
     /// Whether the end block has come.
@@ -251,5 +313,31 @@ mod tests {
             reader.push(&bytes);
             while let Ok(Some(_)) = reader.next_block() {}
         }
+    }
+    #[test]
+    fn a_header_is_told_before_any_payload_and_room_grows_with_what_comes() {
+        let header = block_header(
+            BlockKind::Scene,
+            PageStatus::Ok,
+            0,
+            ContentHash([7; 32]),
+            1 << 30,
+        );
+        let mut reader = BlockReader::default();
+        reader.push(&header);
+        let event = reader.next_event().expect("a header");
+        let Some(BlockEvent::Announced(announced)) = event else {
+            panic!("{event:?}");
+        };
+        assert_eq!(announced.payload_bytes, 1 << 30);
+        for _ in 0..9 {
+            reader.push(&[1; 1000]);
+            assert_eq!(reader.next_event().expect("not yet"), None);
+        }
+        assert!(
+            reader.payload.capacity() <= 18_000,
+            "{}",
+            reader.payload.capacity()
+        );
     }
 }

@@ -269,3 +269,33 @@ fn sizes() {
         (48, 384, 48, 8)
     );
 }
+
+/// Culling takes a round a level of nodes: a chain of them would keep a GPU busy for ever.
+#[test]
+fn a_chain_of_nodes_is_no_hierarchy() {
+    let chain = |depth: usize| {
+        let mut hierarchy = hierarchy();
+        let leaves = hierarchy.nodes[0].children;
+        let mut link = leaves[1];
+        link.max_parent_error_metres = ROOT_ERROR;
+        let last = hierarchy.nodes[1];
+        hierarchy.nodes = (1..depth as u32)
+            .map(|below| {
+                let mut node = last;
+                node.children[0] = Child {
+                    reference: below,
+                    ..link
+                };
+                node
+            })
+            .collect();
+        let mut end = last;
+        end.children[..2].copy_from_slice(&[leaves[0], last.children[0]]);
+        hierarchy.nodes.push(end);
+        hierarchy.depth = depth as u32;
+        Hierarchy::decode(&hierarchy.encode(), 3)
+    };
+    assert_eq!(chain(64).map(|hierarchy| hierarchy.depth), Ok(64));
+    let error = chain(65).unwrap_err().to_string();
+    assert_eq!(error, "hierarchy depth: expected at most 64, found 65");
+}
