@@ -11,7 +11,7 @@ use lodestream_client::opening::SessionOptions;
 use lodestream_client::play::{PlayOptions, play};
 use lodestream_client::render::{RenderOptions, render};
 use lodestream_client::report::Report;
-use lodestream_client::stream::Transport;
+use lodestream_client::stream::{StreamLimits, Transport};
 use lodestream_client::view::{ViewOptions, view};
 use lodestream_shaders::types::ShadeMode;
 
@@ -49,6 +49,12 @@ struct SceneArgs {
     /// MiB of the page pool [default: 256, or what the adapter or the scene has].
     #[arg(long, value_name = "MiB", value_parser = positive)]
     pool: Option<f32>,
+    /// MiB of memory that opening the scene may take.
+    #[arg(long, value_name = "MiB", default_value_t = 4096.0, value_parser = positive)]
+    open_memory: f32,
+    /// MiB that all textures may take; beyond it they are shown coarser.
+    #[arg(long, value_name = "MiB", default_value_t = 1024.0, value_parser = positive)]
+    texture_memory: f32,
     /// What the picture shows.
     #[arg(long, value_enum, default_value_t = Mode::Shaded)]
     mode: Mode,
@@ -209,14 +215,21 @@ fn size(text: &str) -> Result<[u32; 2], String> {
     ])
 }
 
+fn bytes(mib: f32) -> u64 {
+    (mib as f64 * (1u64 << 20) as f64) as u64
+}
+
 impl SceneArgs {
     fn options(&self, scene: &str, size_px: [u32; 2]) -> SessionOptions {
         SessionOptions {
             size_px,
             pixel_error_px: self.pixel_error,
-            pool_bytes: self
-                .pool
-                .map(|mib| (mib as f64 * (1u64 << 20) as f64) as u64),
+            pool_bytes: self.pool.map(bytes),
+            limits: StreamLimits {
+                open_memory_bytes: bytes(self.open_memory),
+                ..StreamLimits::default()
+            },
+            texture_memory_bytes: bytes(self.texture_memory),
             mode: self.mode.into(),
             adapter: self.adapter.clone(),
             transport: match self.transport {

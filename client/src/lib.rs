@@ -14,6 +14,8 @@ pub mod error;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 #[cfg(feature = "gpu")]
+pub mod images;
+#[cfg(feature = "gpu")]
 pub mod opening;
 #[cfg(feature = "gpu")]
 pub mod picture;

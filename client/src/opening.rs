@@ -3,21 +3,22 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use bytes::Bytes;
 use futures_util::StreamExt;
 use lodestream_format::limits::PAGE_BYTES;
 use lodestream_shaders::SceneArrays;
 use lodestream_shaders::types::{NO_TEXTURE, ShadeMode, material_flag};
 
 use crate::error::ClientError;
-use crate::gpu::{self, Gpu, Renderer, TextureBytes};
+use crate::gpu::{self, Gpu, Renderer, TextureUpload};
+use crate::images::{self, DEFAULT_TEXTURE_MEMORY_BYTES};
 use crate::report::Report;
-use crate::stream::{MIN_SLOTS, OpenedScene, Source, Transport};
+use crate::stream::{MIN_SLOTS, OpenedScene, Source, StreamError, StreamLimits, Transport};
 
 /// Bytes of the page pool unless asked otherwise.
 pub const DEFAULT_POOL_BYTES: u64 = 256 << 20;
 /// Texture objects fetched at a time.
 const TEXTURE_FETCHES: usize = 8;
+
 /// What a session is opened with.
 #[derive(Debug, Clone)]
 pub struct SessionOptions {
@@ -37,6 +38,10 @@ pub struct SessionOptions {
     pub adapter: Option<String>,
     /// How pages are asked for.
     pub transport: Transport,
+    /// Bounds on what the library may cost.
+    pub limits: StreamLimits,
+    /// Most bytes of all textures.
+    pub texture_memory_bytes: u64,
     /// Updates between a request's frame and its readback, at least: more for frames that are not waited for.
     pub readback_updates: u32,
 }
@@ -53,6 +58,8 @@ impl SessionOptions {
             mode: ShadeMode::Shaded,
             adapter: None,
             transport: Transport::default(),
+            limits: StreamLimits::default(),
+            texture_memory_bytes: DEFAULT_TEXTURE_MEMORY_BYTES,
             readback_updates: 2,
         }
     }
@@ -74,7 +81,7 @@ pub struct Opening {
 
 impl Opening {
     /// Connects and opens.
-    pub fn new(location: &str, scene: &str) -> Result<Self, ClientError> {
+    pub fn new(options: &SessionOptions) -> Result<Self, ClientError> {
         let start = Instant::now();
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
@@ -85,8 +92,8 @@ impl Opening {
                 expected: "two worker threads".to_owned(),
                 found: error.to_string(),
             })?;
-        let source = Source::connect(location)?;
-        let opened = runtime.block_on(source.open(scene))?;
+        let source = Source::connect_within(&options.location, &options.limits)?;
+        let opened = runtime.block_on(source.open(&options.scene))?;
         let assets = opened
             .assets
             .iter()
@@ -101,11 +108,12 @@ impl Opening {
         })
     }
 
-    /// Fetches and uploads the textures that pictures of `mode` look at; the rest stays away. Says so in `report`.
+    /// Fetches and uploads the textures that pictures of the mode look at; the rest stays away.
+    /// Says so in `report`.
     pub fn load_textures(
         &self,
         renderer: &mut Renderer,
-        mode: ShadeMode,
+        options: &SessionOptions,
         report: &mut Report,
     ) -> Result<(), ClientError> {
         let materials = &self.arrays.materials;
@@ -115,23 +123,32 @@ impl Opening {
                     && (!masked_only || material.flags & material_flag::MASK != 0)
             })
         };
-        if !looked_at(mode != ShadeMode::Shaded) {
+        if !looked_at(options.mode != ShadeMode::Shaded) {
             return Ok(());
         }
         let textures = &self.scene.scene.textures;
-        let fetches = textures
-            .iter()
-            .map(|texture| self.source.object(&texture.object));
-        let fetches = futures_util::stream::iter(fetches).buffered(TEXTURE_FETCHES);
-        let bytes: Vec<Result<Bytes, _>> = self.runtime.block_on(fetches.collect());
-        let bytes = bytes.into_iter().collect::<Result<Vec<_>, _>>()?;
-        report.texture_bytes_fetched = bytes.iter().map(|bytes| bytes.len() as u64).sum();
-        let pairs: Vec<_> = textures
-            .iter()
-            .zip(&bytes)
-            .map(|(texture, bytes)| TextureBytes { texture, bytes })
-            .collect();
-        let layout = renderer.upload_textures(&pairs)?;
+        let admitted = images::admitted(textures.iter(), options.limits.open_memory_bytes);
+        let memory_bytes = options.texture_memory_bytes;
+        let mut upload = TextureUpload::new(&renderer.gpu, textures, &admitted, memory_bytes)?;
+        let shown = admitted.iter().enumerate().filter(|(_, it)| it.is_ok());
+        let fetches = shown.map(|(index, _)| {
+            let (source, texture) = (self.source.clone(), textures[index].clone());
+            // A task of its own goes on while others are decoded.
+            let fetch = async move { source.object(&texture.object, texture.bytes).await };
+            let task = self.runtime.spawn(fetch);
+            async move { (index, task.await) }
+        });
+        let mut files = futures_util::stream::iter(fetches).buffered(TEXTURE_FETCHES);
+        while let Some((index, file)) = self.runtime.block_on(files.next()) {
+            let file = file.map_err(|error| StreamError::Setting {
+                setting: "fetch of a texture",
+                expected: "an end".to_owned(),
+                found: error.to_string(),
+            })??;
+            report.texture_bytes_fetched += file.len() as u64;
+            upload.put(index, &file)?;
+        }
+        let layout = upload.finish(renderer)?;
         report.texture_bytes = layout.words as u64 * 4;
         report.texture_mips_left_out = layout.dropped_mips.iter().sum();
         report.warnings.extend(layout.notes);

@@ -54,7 +54,7 @@ pub fn reference(
     camera: impl FnOnce(&Opening) -> Camera,
 ) -> Result<Reference, ClientError> {
     let start = Instant::now();
-    let opening = Opening::new(&options.location, &options.scene)?;
+    let opening = Opening::new(options)?;
     let mut report = Report {
         scene: options.scene.clone(),
         open_secs: Some(opening.secs),
@@ -126,7 +126,7 @@ impl<'a> Batches<'a> {
             clusters: clusters.clamp(1, CLUSTERS_A_BATCH as u64) as u32,
             ..renderer.capacities()
         })?;
-        opening.load_textures(&mut renderer, options.mode, report)?;
+        opening.load_textures(&mut renderer, options, report)?;
         let view = camera.view(near_metres(&opening.arrays), 0.0);
         // What no triangle covers.
         renderer.clear_visbuffer();

@@ -56,7 +56,7 @@ impl Session {
 
     /// Opens the scene on a device that exists.
     pub fn on(gpu: &Gpu, options: &SessionOptions) -> Result<Self, ClientError> {
-        let opening = Opening::new(&options.location, &options.scene)?;
+        let opening = Opening::new(options)?;
         let mut report = Report {
             scene: options.scene.clone(),
             open_secs: Some(opening.secs),
@@ -85,7 +85,7 @@ impl Session {
         let mut renderer =
             Renderer::new(gpu, opening.arrays.clone(), words as u64, options.size_px)?;
         renderer.set_mode(options.mode)?;
-        opening.load_textures(&mut renderer, options.mode, &mut report)?;
+        opening.load_textures(&mut renderer, options, &mut report)?;
         let mut session = Self {
             near_metres: near_metres(&opening.arrays),
             renderer,

@@ -98,7 +98,7 @@ fn server_and_folder_give_the_same_answers() {
                 matches!(beyond, Err(StreamError::NotFound { .. })),
                 "{beyond:?}"
             );
-            let object = far.object(&a.asset.hierarchy).await.unwrap();
+            let object = far.object(&a.asset.hierarchy, 1 << 20).await.unwrap();
             assert_eq!(object, made.hierarchy_bytes);
         }
         for source in [&far, &near] {
@@ -108,7 +108,7 @@ fn server_and_folder_give_the_same_answers() {
                 "{absent:?}"
             );
             assert!(source.open("../made").await.is_err());
-            assert!(source.object(&ContentHash::of(b"absent")).await.is_err());
+            assert!(source.object(&ContentHash::of(b"absent"), 9).await.is_err());
         }
     });
 }

@@ -31,4 +31,4 @@ pub use pool::{MAX_POOL_BINDINGS, Pool, cut, max_bytes};
 pub use readback::FrameResult;
 pub use recorder::Recorder;
 pub use renderer::Renderer;
-pub use textures::TextureBytes;
+pub use textures::TextureUpload;

@@ -1,76 +1,128 @@
 //! Textures to the texel buffer: decoded and uploaded one after the other, so that only one is unpacked in memory.
 
-use lodestream_format::scene::{MediaType, Texture};
-use lodestream_shaders::cpu::texture::{Layout, mip_chain};
+use lodestream_format::scene::Texture;
+use lodestream_shaders::cpu::texture::{Layout, mip_words};
 
 use super::buffers::{create, upload};
+use super::device::Gpu;
 use super::error::GpuError;
 use super::renderer::Renderer;
+use crate::images;
 
-/// One texture's image file.
-#[derive(Debug, Clone, Copy)]
-pub struct TextureBytes<'a> {
-    /// What the scene says of it.
-    pub texture: &'a Texture,
-    /// The image file.
-    pub bytes: &'a [u8],
+/// Bytes handed to the queue at once, which keeps a copy until they are in the buffer.
+const STAGED_BYTES: usize = 16 << 20;
+
+/// Textures on their way to the renderer.
+#[derive(Debug)]
+pub struct TextureUpload {
+    gpu: Gpu,
+    texels: wgpu::Buffer,
+    layout: Layout,
+    textures: Vec<Texture>,
 }
 
-impl Renderer {
-    /// Decodes and uploads `textures`. An image that does not decode becomes white, and a line of the layout's notes.
-    pub fn upload_textures(&mut self, textures: &[TextureBytes<'_>]) -> Result<Layout, GpuError> {
-        let gpu = self.gpu.clone();
+impl TextureUpload {
+    /// Lays out `textures` within `memory_bytes` and what the adapter binds: the largest lose their
+    /// top mips. Those that are not `admitted` become one white texel, and a note that says why.
+    pub fn new(
+        gpu: &Gpu,
+        textures: &[Texture],
+        admitted: &[Result<(), String>],
+        memory_bytes: u64,
+    ) -> Result<Self, GpuError> {
         let sizes: Vec<_> = textures
             .iter()
-            .map(|each| [each.texture.width, each.texture.height])
+            .zip(admitted)
+            .map(|(texture, admitted)| match admitted {
+                Ok(()) => [texture.width, texture.height],
+                Err(_) => [1, 1],
+            })
             .collect();
-        let limit_words = (gpu.max_binding_bytes() / 4) as usize;
-        let mut layout = Layout::new(&sizes, limit_words).map_err(|error| GpuError::Limit {
-            adapter: gpu.name.clone(),
-            expected: "textures that can be bound".to_owned(),
-            found: error.to_string(),
-        })?;
+        let limit_bytes = gpu.max_binding_bytes().min(memory_bytes);
+        let mut layout =
+            Layout::new(&sizes, (limit_bytes / 4) as usize).map_err(|error| GpuError::Limit {
+                adapter: gpu.name.clone(),
+                expected: "textures that can be bound".to_owned(),
+                found: error.to_string(),
+            })?;
+        layout.notes.clear();
+        for (index, (texture, record)) in textures.iter().zip(&layout.records).enumerate() {
+            let size = sizes[index];
+            if layout.dropped_mips[index] > 0 {
+                layout.notes.push(format!(
+                    "{}: shown at {} x {} of {} x {} texels, to keep all textures to {limit_bytes} bytes \
+                     (--texture-memory)",
+                    images::name(index, &texture.object),
+                    record.width,
+                    record.height,
+                    size[0],
+                    size[1]
+                ));
+            }
+        }
         let usage = wgpu::BufferUsages::STORAGE
             | wgpu::BufferUsages::COPY_DST
             | wgpu::BufferUsages::COPY_SRC;
-        let texels = create(&gpu, "texels", layout.words as u64 * 4, usage)?;
-        for (index, each) in textures.iter().enumerate() {
-            let size = sizes[index];
-            let rgba = decode(each).unwrap_or_else(|reason| {
-                let object = each.texture.object;
-                layout
-                    .notes
-                    .push(format!("texture {index} ({object}): {reason}"));
-                vec![255; size[0] as usize * size[1] as usize * 4]
-            });
-            let words = mip_chain(size, &rgba, layout.dropped_mips[index]);
-            let offset = layout.records[index].first_word as u64 * 4;
-            gpu.queue
-                .write_buffer(&texels, offset, bytemuck::cast_slice(&words));
-            // Hands the copy's staging memory to the queue before the next texture asks for its own.
-            gpu.queue.submit([]);
+        let mut upload = Self {
+            texels: create(gpu, "texels", layout.words as u64 * 4, usage)?,
+            gpu: gpu.clone(),
+            layout,
+            textures: textures.to_vec(),
+        };
+        for (index, admitted) in admitted.iter().enumerate() {
+            if let Err(reason) = admitted {
+                upload.put_white(index, reason)?;
+            }
         }
-        let records = upload(&gpu, "texture_records", &layout.records)?;
-        self.set_textures(records, texels);
-        Ok(layout)
+        Ok(upload)
     }
-}
 
-/// RGBA bytes of an image file whose size is the one that the scene says.
-fn decode(each: &TextureBytes<'_>) -> Result<Vec<u8>, String> {
-    let format = match each.texture.media_type {
-        MediaType::Png => image::ImageFormat::Png,
-        MediaType::Jpeg => image::ImageFormat::Jpeg,
-    };
-    let image = image::load_from_memory_with_format(each.bytes, format)
-        .map_err(|error| error.to_string())?
-        .into_rgba8();
-    let (width, height) = image.dimensions();
-    let [expected_width, expected_height] = [each.texture.width, each.texture.height];
-    match (width, height) == (expected_width, expected_height) {
-        true => Ok(image.into_raw()),
-        false => Err(format!(
-            "expected {expected_width}x{expected_height} texels, found {width}x{height}"
-        )),
+    /// Decodes and uploads the image file of a texture. One that does not decode becomes white, and
+    /// a note.
+    pub fn put(&mut self, index: usize, file: &[u8]) -> Result<(), GpuError> {
+        let dropped = self.layout.dropped_mips[index];
+        match images::mips(&self.textures[index], file, dropped) {
+            Ok(words) => self.write(index, 0, &words),
+            Err(reason) => self.put_white(index, &reason),
+        }
+    }
+
+    fn put_white(&mut self, index: usize, reason: &str) -> Result<(), GpuError> {
+        let name = images::name(index, &self.textures[index].object);
+        self.layout
+            .notes
+            .push(format!("{name}: shown white: {reason}"));
+        let record = &self.layout.records[index];
+        let words = mip_words([record.width, record.height]);
+        let white = vec![u32::MAX; words.min(STAGED_BYTES / 4)];
+        for first in (0..words).step_by(STAGED_BYTES / 4) {
+            let count = white.len().min(words - first);
+            self.write(index, first, &white[..count])?;
+        }
+        Ok(())
+    }
+
+    fn write(&self, index: usize, first: usize, words: &[u32]) -> Result<(), GpuError> {
+        let start = self.layout.records[index].first_word as u64 + first as u64;
+        for (chunk, at) in words
+            .chunks(STAGED_BYTES / 4)
+            .zip((start..).step_by(STAGED_BYTES / 4))
+        {
+            let bytes = bytemuck::cast_slice(chunk);
+            self.gpu.queue.write_buffer(&self.texels, at * 4, bytes);
+            // Hands the copy's staging memory to the queue before the next asks for its own.
+            self.gpu.queue.submit([]);
+            if bytes.len() == STAGED_BYTES {
+                self.gpu.wait()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Hands the textures to the renderer.
+    pub fn finish(self, renderer: &mut Renderer) -> Result<Layout, GpuError> {
+        let records = upload(&self.gpu, "texture_records", &self.layout.records)?;
+        renderer.set_textures(records, self.texels);
+        Ok(self.layout)
     }
 }

@@ -46,7 +46,7 @@ pub enum StreamError {
     /// The server answered, but not with 200.
     #[error("{url}: expected status 200, found {status}")]
     Status {
-        /// What was asked for.
+        /// The place that was asked for.
         url: String,
         /// HTTP status.
         status: u16,
@@ -56,10 +56,48 @@ pub enum StreamError {
     /// No answer, or one that broke off.
     #[error("{url}: expected a whole answer, found {found}")]
     Http {
-        /// What was asked for.
+        /// The place that was asked for.
         url: String,
         /// The transport's complaint.
         found: String,
+    },
+    /// More memory than an opening may take.
+    #[error(
+        "{place}: expected a scene that opens within {most_bytes} bytes of memory (--open-memory), found one that takes {needed_bytes}"
+    )]
+    Memory {
+        /// URL or object.
+        place: String,
+        /// Bytes allowed.
+        most_bytes: u64,
+        /// Bytes with the part that did not fit.
+        needed_bytes: u64,
+    },
+    /// An answer that is too slow.
+    #[error(
+        "{url}: expected at least {least_bytes_a_sec} bytes a second and no pause of {grace_secs} s, found {found_bytes} bytes in {secs:.1} s"
+    )]
+    Slow {
+        /// The place that was asked for.
+        url: String,
+        /// Bytes a second that would do.
+        least_bytes_a_sec: f64,
+        /// Seconds that may pass without any.
+        grace_secs: f64,
+        /// Bytes that came.
+        found_bytes: u64,
+        /// Seconds since it was asked for.
+        secs: f64,
+    },
+    /// The server sends elsewhere, and nobody follows: another place may be anybody's.
+    #[error("{url}: expected status 200, found {status} to {to:?}, which is not followed")]
+    Redirect {
+        /// The place that was asked for.
+        url: String,
+        /// HTTP status.
+        status: u16,
+        /// The server's `Location`.
+        to: String,
     },
     /// The library does not have it.
     #[error("{place}: expected it in the library, found nothing")]
@@ -125,7 +163,10 @@ impl StreamError {
             {
                 Retry::Late
             }
-            Self::NotFound { .. } | Self::Format { .. } => Retry::Late,
+            Self::NotFound { .. }
+            | Self::Format { .. }
+            | Self::Memory { .. }
+            | Self::Redirect { .. } => Retry::Late,
             _ => Retry::BackOff,
         }
     }

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use lodestream_format::library::{SCENES, SceneReference, object_path, scene_path};
-use lodestream_format::wire::SceneEntry;
-use lodestream_format::{Asset, ContentHash, FormatError, Scene};
+use lodestream_format::wire::{Block, BlockHeader, BlockKind, PageStatus, SceneEntry};
+use lodestream_format::{ContentHash, FormatError};
 
 use super::error::StreamError;
-use super::opened_scene::OpenParts;
+use super::open_parts::OpenParts;
 use super::page_check::pack_range;
 
 #[derive(Debug)]
@@ -64,45 +64,53 @@ impl FolderSource {
         })
     }
 
-    pub(crate) fn open(&self, scene: &str) -> Result<OpenParts, StreamError> {
-        let mut parts = OpenParts::default();
+    pub(crate) fn open(&self, scene: &str, memory_bytes: u64) -> Result<OpenParts, StreamError> {
+        let mut parts = OpenParts::new(memory_bytes);
         let hash = self.reference(scene)?.scene;
-        parts.scene = Some(hash);
-        self.add(&mut parts, &hash)?;
-        let scene = Scene::decode(parts.object(&hash)?)
-            .map_err(StreamError::format(format!("scene {hash}")))?;
-        for used in &scene.assets {
-            if parts.root_pages.contains_key(&used.asset) {
-                continue;
-            }
-            self.add(&mut parts, &used.asset)?;
-            let asset = Asset::decode(parts.object(&used.asset)?)
-                .map_err(StreamError::format(format!("asset {}", used.asset)))?;
-            self.add(&mut parts, &asset.hierarchy)?;
-            if let Some(range) = pack_range(&asset, 0, asset.root_page_count - 1) {
-                let frames = self.object_range(&asset.pack, range)?;
-                parts.read_bytes += frames.len() as u64;
-                parts.root_pages.insert(used.asset, frames);
-            }
+        self.add(&mut parts, BlockKind::Scene, hash)?;
+        for hash in parts.named_assets() {
+            self.add(&mut parts, BlockKind::Asset, hash)?;
+            let asset = parts.asset(&hash)?;
+            let (hierarchy, pack) = (asset.hierarchy, asset.pack);
+            let roots = pack_range(asset, 0, asset.root_page_count - 1).unwrap_or(0..0);
+            self.add(&mut parts, BlockKind::Hierarchy, hierarchy)?;
+            let header = header(BlockKind::RootPages, hash, roots.end - roots.start);
+            parts.announced(&header)?;
+            let frames = read_range(&self.object_file(&pack), roots)?;
+            parts.take(whole(header, frames))?;
         }
         Ok(parts)
     }
 
-    fn add(&self, parts: &mut OpenParts, hash: &ContentHash) -> Result<(), StreamError> {
-        let bytes = self.object(hash)?;
-        parts.read_bytes += bytes.len() as u64;
-        parts.objects.insert(*hash, bytes);
-        Ok(())
+    fn add(
+        &self,
+        parts: &mut OpenParts,
+        kind: BlockKind,
+        hash: ContentHash,
+    ) -> Result<(), StreamError> {
+        let path = self.object_file(&hash);
+        let metadata = path.metadata().map_err(StreamError::io(&path))?;
+        let header = header(kind, hash, metadata.len());
+        parts.announced(&header)?;
+        let bytes = read_range(&path, 0..metadata.len())?;
+        parts.take(whole(header, bytes))
     }
 
     fn object_file(&self, hash: &ContentHash) -> PathBuf {
         self.root.join(object_path(hash))
     }
 
-    pub(crate) fn object(&self, hash: &ContentHash) -> Result<Bytes, StreamError> {
+    pub(crate) fn object(&self, hash: &ContentHash, most_bytes: u64) -> Result<Bytes, StreamError> {
         let path = self.object_file(hash);
-        let bytes = std::fs::read(&path).map_err(StreamError::io(&path))?;
-        Ok(Bytes::from(bytes))
+        let metadata = path.metadata().map_err(StreamError::io(&path))?;
+        match metadata.len() <= most_bytes {
+            true => Ok(read_range(&path, 0..metadata.len())?.into()),
+            false => Err(StreamError::Length {
+                place: path.display().to_string(),
+                expected_bytes: most_bytes,
+                found_bytes: metadata.len(),
+            }),
+        }
     }
 
     pub(crate) fn object_range(
@@ -111,11 +119,31 @@ impl FolderSource {
         range: Range<u64>,
     ) -> Result<Bytes, StreamError> {
         let path = self.object_file(hash);
-        read_range(&path, range)
+        read_range(&path, range).map(Bytes::from)
     }
 }
 
-fn read_range(path: &Path, range: Range<u64>) -> Result<Bytes, StreamError> {
+fn header(kind: BlockKind, hash: ContentHash, payload_bytes: u64) -> BlockHeader {
+    BlockHeader {
+        kind,
+        status: PageStatus::Ok,
+        page: 0,
+        hash,
+        payload_bytes,
+    }
+}
+
+fn whole(header: BlockHeader, payload: Vec<u8>) -> Block {
+    Block {
+        kind: header.kind,
+        status: header.status,
+        page: header.page,
+        hash: header.hash,
+        payload,
+    }
+}
+
+fn read_range(path: &Path, range: Range<u64>) -> Result<Vec<u8>, StreamError> {
     let mut file = File::open(path).map_err(StreamError::io(path))?;
     file.seek(SeekFrom::Start(range.start))
         .map_err(StreamError::io(path))?;
@@ -125,7 +153,7 @@ fn read_range(path: &Path, range: Range<u64>) -> Result<Bytes, StreamError> {
         .read_to_end(&mut bytes)
         .map_err(StreamError::io(path))?;
     if bytes.len() as u64 == expected_bytes {
-        return Ok(Bytes::from(bytes));
+        return Ok(bytes);
     }
     Err(StreamError::Length {
         place: format!("{} from byte {}", path.display(), range.start),

@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use bytes::Bytes;
 use lodestream_format::disk_form::DiskForm;
 use lodestream_format::{Asset, ContentHash, FormatError, Hierarchy, Scene};
 
-use super::error::{StreamError, check_hash};
+use super::error::StreamError;
+use super::open_parts::OpenParts;
 use super::page_check::{decode_page, split_frames};
 
 /// An asset of an opened scene.
@@ -35,46 +35,39 @@ pub struct OpenedScene {
     pub open_bytes: u64,
 }
 
-/// The bytes of a scene before they are checked.
-#[derive(Debug, Clone, Default)]
-pub struct OpenParts {
-    /// Name of the scene object.
-    pub scene: Option<ContentHash>,
-    /// Scene, assets and hierarchies.
-    pub objects: HashMap<ContentHash, Bytes>,
-    /// Frames of an asset's root pages, end to end, by the asset's name.
-    pub root_pages: HashMap<ContentHash, Bytes>,
-    /// Bytes that were read for all this.
-    pub read_bytes: u64,
-}
-
-impl OpenParts {
-    /// An object with its hash checked.
-    pub fn object(&self, hash: &ContentHash) -> Result<&Bytes, StreamError> {
-        let bytes = self
-            .objects
-            .get(hash)
-            .ok_or_else(|| StreamError::NotFound {
-                place: format!("object {hash}"),
-            })?;
-        check_hash(|| format!("object {hash}"), hash, bytes)?;
-        Ok(bytes)
-    }
-}
+/// Bytes that viewers keep for a page beside its entry: page tables, priorities, requests and
+/// residency.
+const PAGE_STATE_BYTES: u64 = 256;
+/// Bytes that viewers keep for an instance beside it.
+const INSTANCE_RECORD_BYTES: u64 = 128;
 
 impl OpenedScene {
-    /// Checks and parses everything.
-    pub fn parse(parts: &OpenParts) -> Result<Self, StreamError> {
-        let scene_hash = parts.scene.ok_or_else(|| StreamError::NotFound {
+    /// Parses everything, within what memory the parts have left.
+    pub fn parse(mut parts: OpenParts) -> Result<Self, StreamError> {
+        let scene = parts.scene.take().ok_or_else(|| StreamError::NotFound {
             place: "scene object".to_owned(),
         })?;
-        let scene = Scene::decode(parts.object(&scene_hash)?)
-            .map_err(StreamError::format(format!("scene {scene_hash}")))?;
-        let assets = scene
-            .assets
-            .iter()
-            .map(|used| OpenedAsset::parse(used.asset, parts))
-            .collect::<Result<Vec<_>, _>>()?;
+        let instances_bytes = INSTANCE_RECORD_BYTES * scene.instances.len() as u64;
+        parts
+            .memory
+            .take(instances_bytes, || "instances of the scene".to_owned())?;
+        let mut assets: Vec<OpenedAsset> = Vec::with_capacity(scene.assets.len());
+        let mut parsed: HashMap<ContentHash, usize> = HashMap::new();
+        for used in &scene.assets {
+            // An asset that the scene uses with several materials has arrays of its own for each.
+            let opened = match parsed.get(&used.asset) {
+                Some(&index) => {
+                    let same = &assets[index];
+                    let bytes = same.memory_bytes() + same.asset.memory_bytes();
+                    let place = || format!("another use of asset {}", used.asset);
+                    parts.memory.take(bytes, place)?;
+                    same.clone()
+                }
+                None => OpenedAsset::parse(used.asset, &mut parts)?,
+            };
+            parsed.entry(used.asset).or_insert(assets.len());
+            assets.push(opened);
+        }
         Self::assemble(scene, assets, parts.read_bytes)
     }
 
@@ -125,13 +118,21 @@ impl OpenedScene {
 }
 
 impl OpenedAsset {
-    fn parse(hash: ContentHash, parts: &OpenParts) -> Result<Self, StreamError> {
-        let place = |what: &str| format!("{what} of asset {hash}");
-        let asset = Asset::decode(parts.object(&hash)?)
-            .map_err(StreamError::format(format!("asset {hash}")))?;
-        let hierarchy =
-            Hierarchy::decode(parts.object(&asset.hierarchy)?, asset.pages.len() as u32)
-                .map_err(StreamError::format(place("hierarchy")))?;
+    fn parse(hash: ContentHash, parts: &mut OpenParts) -> Result<Self, StreamError> {
+        let place = |part: &str| format!("{part} of asset {hash}");
+        let (asset, hierarchy_bytes, root_pages) = parts.remove_asset(&hash)?;
+        let mut opened = Self {
+            hash,
+            asset,
+            hierarchy: Hierarchy::default(),
+            root_pages: Vec::new(),
+            page_base: 0,
+        };
+        let lists_bytes = 2 * hierarchy_bytes.len() as u64 + opened.memory_bytes();
+        parts.memory.take(lists_bytes, || place("arrays"))?;
+        let asset = &opened.asset;
+        let hierarchy = Hierarchy::decode(&hierarchy_bytes, asset.pages.len() as u32)
+            .map_err(StreamError::format(place("hierarchy")))?;
         // Root groups are always refined, so they must always be there: a hole otherwise.
         let astray = hierarchy
             .groups
@@ -143,24 +144,42 @@ impl OpenedAsset {
             let error = FormatError::new(format!("root group {group}"), expected, found);
             return Err(StreamError::format(place("hierarchy"))(error));
         }
-        let frames = parts
-            .root_pages
-            .get(&hash)
-            .ok_or_else(|| StreamError::NotFound {
-                place: place("root pages"),
-            })?;
-        let frames = split_frames(&hash, &asset, 0, asset.root_page_count - 1, frames)?;
-        let root_pages = frames
-            .iter()
-            .enumerate()
-            .map(|(page, frame)| decode_page(&hash, &asset, &hierarchy, page as u32, frame))
-            .collect::<Result<Vec<_>, _>>()?;
-        Ok(Self {
-            hash,
-            asset,
-            hierarchy,
-            root_pages,
-            page_base: 0,
-        })
+        let frames = split_frames(&hash, asset, 0, asset.root_page_count - 1, &root_pages)?;
+        let mut forms = Vec::with_capacity(frames.len());
+        for (page, frame) in (0..).zip(&frames) {
+            let form = decode_page(&hash, asset, &hierarchy, page, frame)?;
+            parts
+                .memory
+                .take(form_bytes(&form), || place("root pages"))?;
+            forms.push(form);
+        }
+        opened.hierarchy = hierarchy;
+        opened.root_pages = forms;
+        Ok(opened)
     }
+
+    /// Bytes that it takes in memory beside its page entries: twice its hierarchy, once here and
+    /// once in the arrays.
+    fn memory_bytes(&self) -> u64 {
+        let hierarchy = size_of_val(&self.hierarchy.nodes[..])
+            + size_of_val(&self.hierarchy.groups[..])
+            + size_of_val(&self.hierarchy.parts[..]);
+        let roots: u64 = self.root_pages.iter().map(form_bytes).sum();
+        // The residency keeps the dependencies of pages once more.
+        2 * hierarchy as u64
+            + roots
+            + self.asset.memory_bytes()
+            + PAGE_STATE_BYTES * self.asset.pages.len() as u64
+            + 4 * self.asset.material_slots as u64
+            + size_of::<Self>() as u64
+    }
+}
+
+/// Bytes of a root page: once here, once on its way into the pool.
+fn form_bytes(form: &DiskForm) -> u64 {
+    let form = size_of_val(form.words())
+        + size_of_val(form.headers())
+        + size_of_val(form.spans())
+        + size_of_val(form.parents());
+    2 * form as u64
 }

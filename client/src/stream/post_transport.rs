@@ -165,7 +165,8 @@ async fn answer(post: PagesPost, shared: Shared) {
     let take = |page: PageAnswer| {
         decoding.spawn(decode(page, Instant::now(), shared.clone()));
     };
-    let result = shared.source.post_pages(&post, take).await;
+    let assets = &shared.scene.assets;
+    let result = shared.source.post_pages(&post, assets, take).await;
     // The end must be told after the pages: it says that no more come.
     decoding.join_all().await;
     let _ = shared.messages.send(Message::PostEnded {

@@ -8,16 +8,18 @@ use lodestream_format::wire::{PagesPost, SceneEntry};
 
 use super::error::{StreamError, check_hash};
 use super::folder_source::FolderSource;
-use super::http_source::HttpSource;
+use super::http::HttpSource;
+use super::limits::StreamLimits;
 use super::opened_scene::{OpenedAsset, OpenedScene};
 use super::page_check::pack_range;
 
-pub use super::http_source::PageAnswer;
+pub use super::http::PageAnswer;
 
 /// A library, near or far. Clones share connections.
 #[derive(Debug, Clone)]
 pub struct Source {
     kind: Kind,
+    limits: StreamLimits,
 }
 
 #[derive(Debug, Clone)]
@@ -32,12 +34,26 @@ impl Source {
     /// # Errors
     /// [`StreamError::Location`] where the folder is none or holds no library, or the URL is none.
     pub fn connect(url_or_folder: &str) -> Result<Source, StreamError> {
+        Self::connect_within(url_or_folder, &StreamLimits::default())
+    }
+
+    /// [`Source::connect`] with bounds other than the usual ones.
+    ///
+    /// # Errors
+    /// As [`Source::connect`].
+    pub fn connect_within(
+        url_or_folder: &str,
+        limits: &StreamLimits,
+    ) -> Result<Source, StreamError> {
         let kind = if url_or_folder.contains("://") {
-            Kind::Http(Arc::new(HttpSource::new(url_or_folder)?))
+            Kind::Http(Arc::new(HttpSource::new(url_or_folder, limits)?))
         } else {
             Kind::Folder(Arc::new(FolderSource::new(url_or_folder)?))
         };
-        Ok(Source { kind })
+        Ok(Source {
+            kind,
+            limits: *limits,
+        })
     }
 
     /// Whether [`Source::post_pages`] has somebody to post to.
@@ -56,16 +72,18 @@ impl Source {
         }
     }
 
-    /// A scene with its hierarchies and root pages, everything hash-checked and parsed.
+    /// A scene with its hierarchies and root pages, everything hash-checked and parsed, within
+    /// [`StreamLimits::open_memory_bytes`].
     pub async fn open(&self, scene: &str) -> Result<OpenedScene, StreamError> {
         let parts = match &self.kind {
             Kind::Http(http) => http.open(scene).await?,
             Kind::Folder(folder) => {
                 let (folder, scene) = (folder.clone(), scene.to_owned());
-                blocking(move || folder.open(&scene)).await?
+                let memory_bytes = self.limits.open_memory_bytes;
+                blocking(move || folder.open(&scene, memory_bytes)).await?
             }
         };
-        blocking(move || OpenedScene::parse(&parts)).await
+        blocking(move || OpenedScene::parse(parts)).await
     }
 
     /// The frames of pages `first..=last` of an asset, end to end; as many bytes as the asset says, not yet hash-checked.
@@ -92,28 +110,34 @@ impl Source {
         }
     }
 
-    /// Posts for many pages at once and calls `take` with each as it comes, until the answer ends.
+    /// Posts for many pages of `assets` at once and calls `take` with each as it comes, until the
+    /// answer ends.
     ///
     /// # Errors
     /// [`StreamError::Http`] where the answer breaks off; what came before has been taken.
+    /// [`StreamError::Format`] where it brings anything that was not asked for.
     pub async fn post_pages(
         &self,
         post: &PagesPost,
+        assets: &[OpenedAsset],
         take: impl FnMut(PageAnswer),
     ) -> Result<(), StreamError> {
         match &self.kind {
-            Kind::Http(http) => http.post_pages(post, take).await,
+            Kind::Http(http) => http.post_pages(post, assets, take).await,
             Kind::Folder(_) => Err(posts_need_http()),
         }
     }
 
-    /// An object with its hash checked.
-    pub async fn object(&self, hash: &ContentHash) -> Result<Bytes, StreamError> {
+    /// An object of at most `most_bytes` with its hash checked.
+    ///
+    /// # Errors
+    /// [`StreamError::Length`] where it has more.
+    pub async fn object(&self, hash: &ContentHash, most_bytes: u64) -> Result<Bytes, StreamError> {
         let bytes = match &self.kind {
-            Kind::Http(http) => http.object(hash).await?,
+            Kind::Http(http) => http.object(hash, most_bytes).await?,
             Kind::Folder(folder) => {
                 let (folder, hash) = (folder.clone(), *hash);
-                blocking(move || folder.object(&hash)).await?
+                blocking(move || folder.object(&hash, most_bytes)).await?
             }
         };
         check_hash(|| format!("object {hash}"), hash, &bytes)?;

@@ -7,7 +7,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use lodestream_client::gpu::{Gpu, PageUpload, Renderer, TextureBytes, instance};
+use lodestream_client::gpu::{Gpu, PageUpload, Renderer, TextureUpload, instance};
 use lodestream_format::disk_form::DiskForm;
 use lodestream_format::scene::{
     AlphaMode, Instance, Material, MediaType, SceneAsset, Texture, TextureUse, Wrap,
@@ -196,15 +196,14 @@ impl TestScene {
         renderer
             .apply([], &uploads, places.iter().copied())
             .unwrap();
-        let textures: Vec<_> = self
-            .scene
-            .textures
-            .iter()
-            .zip(&self.images)
-            .map(|(texture, bytes)| TextureBytes { texture, bytes })
-            .collect();
+        let textures = &self.scene.textures;
         if !textures.is_empty() {
-            let layout = renderer.upload_textures(&textures).unwrap();
+            let admitted = vec![Ok(()); textures.len()];
+            let mut upload = TextureUpload::new(gpu, textures, &admitted, 1 << 30).unwrap();
+            for (index, file) in self.images.iter().enumerate() {
+                upload.put(index, file).unwrap();
+            }
+            let layout = upload.finish(&mut renderer).unwrap();
             assert_eq!(layout.notes, [""; 0]);
         }
         renderer

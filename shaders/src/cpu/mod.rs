@@ -11,6 +11,7 @@ pub mod error_metric;
 pub mod false_color;
 pub mod fetch_vertex;
 pub mod light;
+pub mod mip_rows;
 pub mod prepare;
 pub mod raster;
 pub mod sample_texture;
@@ -24,6 +25,7 @@ pub mod view;
 
 pub use cut::{Culled, cut, requests_only};
 pub use cut_brute::{cut_brute, requests_brute};
+pub use mip_rows::MipRows;
 pub use raster::{needs_masked, raster, raster_masked, raster_overdraw};
 pub use shade::shade;
 pub use texture::{Layout, Textures, build_textures, mip_chain};

@@ -1,9 +1,17 @@
 //! Decoded images to the texel buffer that `shade` and `raster_masked` sample: sRGB words, a chain of mips each.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
 use rayon::prelude::*;
 
-use super::srgb::{byte_from_unit, linear_from_byte, srgb_from_linear};
+use super::mip_rows::MipRows;
 use crate::types::TextureRecord;
+
+/// Longest side of a texture, texels: sums over all textures stay within 64 bits.
+const MOST_SIDE: u32 = 65_535;
+/// Rows that are reduced at once.
+const BAND_ROWS: usize = 64;
 
 /// The texel buffer and where each texture lies in it.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -19,9 +27,9 @@ pub struct Textures {
 /// Images that make no texel buffer.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TextureError {
-    /// Size and bytes disagree, or a side is 0.
+    /// Size and bytes disagree, or a side is 0 or too long.
     #[error(
-        "texture {texture}: expected {width} x {height} texels, each side at least 1, 4 bytes a texel, found {bytes} bytes"
+        "texture {texture}: expected {width} x {height} texels, each side 1 to 65535, 4 bytes a texel, found {bytes} bytes"
     )]
     Size {
         /// Index of the image.
@@ -90,7 +98,8 @@ impl Layout {
     /// Lays textures of these sizes out one after another. Where `limit_words` does not hold all, the texture with most
     /// texels (the first of equals) loses its top mip until the rest fits.
     pub fn new(sizes: &[[u32; 2]], limit_words: usize) -> Result<Self, TextureError> {
-        if let Some(texture) = sizes.iter().position(|size| size.contains(&0)) {
+        let is_wrong = |size: &[u32; 2]| size.iter().any(|side| !(1..=MOST_SIDE).contains(side));
+        if let Some(texture) = sizes.iter().position(is_wrong) {
             return Err(size_error(texture, sizes[texture], 0));
         }
         // Records count words in 32 bits.
@@ -104,7 +113,7 @@ impl Layout {
                 mip_count: mip_count(kept),
             });
             layout.dropped_mips.push(dropped);
-            layout.words += chain_words(kept);
+            layout.words += mip_words(kept);
             if dropped > 0 {
                 layout.notes.push(format!(
                     "texture {texture}: {} x {} reduced to {} x {} to keep to {limit_words} texels",
@@ -130,15 +139,17 @@ fn size_error(texture: usize, [width, height]: [u32; 2], bytes: usize) -> Textur
     }
 }
 
-fn texels(size: [u32; 2]) -> usize {
+pub(super) fn texels(size: [u32; 2]) -> usize {
     size[0] as usize * size[1] as usize
 }
 
-fn halved(size: [u32; 2]) -> [u32; 2] {
+/// Size of the next mip.
+pub fn halved(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| (side / 2).max(1))
 }
 
-fn chain_words(size: [u32; 2]) -> usize {
+/// Words of a texture of `size` with all its mips.
+pub fn mip_words(size: [u32; 2]) -> usize {
     std::iter::successors(Some(size), |&mip| Some(halved(mip)))
         .take(mip_count(size) as usize)
         .map(texels)
@@ -151,146 +162,44 @@ fn shrink_to_fit(
     limit_words: usize,
 ) -> Result<Vec<([u32; 2], u32)>, TextureError> {
     let mut kept: Vec<_> = sizes.iter().map(|&size| (size, 0)).collect();
-    let mut words: usize = sizes.iter().map(|&size| chain_words(size)).sum();
+    let mut words: usize = sizes.iter().map(|&size| mip_words(size)).sum();
+    let turns = sizes.iter().enumerate();
+    let mut largest: BinaryHeap<_> = turns
+        .map(|(texture, &size)| (texels(size), Reverse(texture)))
+        .collect();
     while words > limit_words {
-        let largest = kept.iter_mut().rev().max_by_key(|(size, _)| texels(*size));
-        match largest {
-            Some((size, dropped)) if texels(*size) > 1 => {
-                words -= texels(*size);
-                *size = halved(*size);
-                *dropped += 1;
-            }
-            _ => {
-                return Err(TextureError::Limit {
-                    textures: sizes.len(),
-                    limit_words,
-                });
-            }
-        }
+        let top = largest.pop().filter(|&(texels, _)| texels > 1);
+        let (top_words, Reverse(texture)) = top.ok_or(TextureError::Limit {
+            textures: sizes.len(),
+            limit_words,
+        })?;
+        let (size, dropped) = &mut kept[texture];
+        words -= top_words;
+        *size = halved(*size);
+        *dropped += 1;
+        largest.push((texels(*size), Reverse(texture)));
     }
     Ok(kept)
 }
 
-/// The words of one image's mips from mip `dropped` on, each a box filter of the unrounded one before: alpha as it is,
-/// colours in linear light and weighted by alpha, so that what a masked texture hides does not bleed into what it shows.
-/// `rgba` holds four bytes a texel.
+/// [`MipRows`] of an image that is in memory. `rgba` holds four bytes a texel.
 pub fn mip_chain(size: [u32; 2], rgba: &[u8], dropped: u32) -> Vec<u32> {
-    let mut words = Vec::new();
-    if dropped == 0 {
-        words.extend(
-            rgba.chunks_exact(4)
-                .map(|texel| u32::from_le_bytes([texel[0], texel[1], texel[2], texel[3]])),
-        );
+    let mut rows = MipRows::new(size, dropped);
+    for band in rgba.chunks(BAND_ROWS * 4 * size[0] as usize) {
+        rows.push(band);
     }
-    let linear = |texel: usize| {
-        let at = &rgba[texel * 4..texel * 4 + 4];
-        let [r, g, b] = [at[0], at[1], at[2]].map(linear_from_byte);
-        [r, g, b, at[3] as f32 / 255.0]
-    };
-    let mut mip_size = size;
-    let mut mip = Vec::new();
-    for level in 1..mip_count(size) {
-        mip = match level {
-            1 => reduced(mip_size, linear),
-            _ => reduced(mip_size, |texel| mip[texel]),
-        };
-        mip_size = halved(mip_size);
-        if level >= dropped {
-            words.extend(mip.iter().map(|&[r, g, b, a]: &[f32; 4]| {
-                let [r, g, b] = [r, g, b].map(srgb_from_linear);
-                u32::from_le_bytes([r, g, b, a].map(byte_from_unit))
-            }));
-        }
-    }
-    words
-}
-
-/// Half the size, each texel the mean of the area that it covers: two texels a side, three with shares where a side is odd.
-fn reduced(size: [u32; 2], texel: impl Fn(usize) -> [f32; 4] + Sync) -> Vec<[f32; 4]> {
-    let half = halved(size);
-    let columns: Vec<_> = (0..half[0]).map(|x| covered(size[0], half[0], x)).collect();
-    let mut mip = vec![[0.0; 4]; texels(half)];
-    mip.par_chunks_mut(half[0] as usize)
-        .enumerate()
-        .for_each(|(y, row)| {
-            let rows = covered(size[1], half[1], y as u32);
-            for (target, columns) in row.iter_mut().zip(&columns) {
-                let (mut weighted, mut plain, mut alpha) = ([0.0; 3], [0.0; 3], 0.0);
-                for (row, row_share) in rows {
-                    for (column, column_share) in *columns {
-                        let share = row_share * column_share;
-                        if share > 0.0 {
-                            let value = texel(row as usize * size[0] as usize + column as usize);
-                            for channel in 0..3 {
-                                weighted[channel] += value[channel] * value[3] * share;
-                                plain[channel] += value[channel] * share;
-                            }
-                            alpha += value[3] * share;
-                        }
-                    }
-                }
-                let [r, g, b] = match alpha > 0.0 {
-                    true => weighted.map(|sum: f32| sum / alpha),
-                    false => plain,
-                };
-                *target = [r, g, b, alpha];
-            }
-        });
-    mip
-}
-
-/// The texels of a side of `size` under texel `at` of one of `half`, with their shares, which sum to 1.
-fn covered(size: u32, half: u32, at: u32) -> [(u32, f32); 3] {
-    // In units of 1 / half texels: both ends and all borders are whole.
-    let (size, half, at) = (size as u64, half as u64, at as u64);
-    let (first, last) = (at * size, (at + 1) * size);
-    std::array::from_fn(|offset| {
-        let texel = first / half + offset as u64;
-        let overlap = last
-            .min((texel + 1) * half)
-            .saturating_sub(first.max(texel * half));
-        (texel as u32, overlap as f32 / size as f32)
-    })
+    rows.finish()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     fn noise(width: u32, height: u32) -> (u32, u32, Vec<u8>) {
         let rgba = (0..width * height * 4)
             .map(|index| (super::super::false_color::hash(index) >> 9) as u8)
             .collect();
         (width, height, rgba)
-    }
-
-    proptest! {
-        /// Light is neither won nor lost: the mean of what each texel covers stays, whatever the size.
-        #[test]
-        fn reducing_keeps_the_mean(width in 1u32..40, height in 1u32..40) {
-            let (_, _, rgba) = noise(width, height);
-            let linear: Vec<_> = rgba.chunks_exact(4)
-                .map(|texel| [0, 1, 2, 3].map(|channel| texel[channel] as f32 / 255.0))
-                .collect();
-            let mean = |texels: &[[f32; 4]], channel: usize| {
-                let covered = |texel: &[f32; 4]| texel[channel] * if channel < 3 { texel[3] } else { 1.0 };
-                texels.iter().map(|texel| covered(texel) as f64).sum::<f64>() / texels.len() as f64
-            };
-            let smaller = reduced([width, height], |texel| linear[texel]);
-            for channel in 0..4 {
-                prop_assert!((mean(&smaller, channel) - mean(&linear, channel)).abs() < 1e-5);
-            }
-        }
-
-        #[test]
-        fn shares_sum_to_one(size in 1u32..5000, at in 0u32..2500) {
-            let half = (size / 2).max(1);
-            let at = at % half;
-            let shares = covered(size, half, at);
-            prop_assert!((shares.iter().map(|(_, share)| share).sum::<f32>() - 1.0).abs() < 1e-6);
-            prop_assert!(shares.iter().all(|&(texel, share)| texel < size || share == 0.0));
-        }
     }
 
     #[test]
@@ -319,7 +228,7 @@ mod tests {
                 (record.first_word, record.width, record.height),
                 (next, image.0, image.1)
             );
-            next += chain_words([image.0, image.1]) as u32;
+            next += mip_words([image.0, image.1]) as u32;
         }
         assert_eq!(textures.words.len() as u32, next);
         assert_eq!(textures.records[0].mip_count, 3);
