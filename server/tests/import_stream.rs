@@ -46,7 +46,7 @@ fn streamed_count(scene: &OpenedScene) -> usize {
 fn compare(path: &Path, max_mesh_bytes: u64) -> usize {
     let name = path.display();
     let loaded: ImportedScene = import(path).unwrap();
-    let opened = open(path, &OpenOptions { max_mesh_bytes }).unwrap();
+    let opened = open(path, &OpenOptions::with_max_mesh_bytes(max_mesh_bytes)).unwrap();
     let streamed = streamed_count(&opened);
     assert_eq!(opened.name, loaded.name);
     assert_eq!(opened.source_triangles, loaded.source_triangles, "{name}");
@@ -192,13 +192,7 @@ fn pieces_of_one_large_primitive_are_the_loaded_mesh() {
         let path = sheet(folder.path(), shuffled, false);
         assert_eq!(compare(&path, 1 << 20), 1);
         assert_eq!(compare(&path, u64::MAX), 0);
-        let opened = open(
-            &path,
-            &OpenOptions {
-                max_mesh_bytes: 1 << 20,
-            },
-        )
-        .unwrap();
+        let opened = open(&path, &OpenOptions::with_max_mesh_bytes(1 << 20)).unwrap();
         let OpenedMesh::Streamed(mesh) = &opened.meshes[0] else {
             panic!("loaded");
         };
@@ -226,7 +220,7 @@ fn normals_of_no_length_are_mended_over_all_pieces() {
     let folder = tempfile::tempdir().unwrap();
     let path = sheet(folder.path(), true, true);
     assert_eq!(compare(&path, 0), 1);
-    let opened = open(&path, &OpenOptions { max_mesh_bytes: 0 }).unwrap();
+    let opened = open(&path, &OpenOptions::with_max_mesh_bytes(0)).unwrap();
     let OpenedMesh::Streamed(mesh) = &opened.meshes[0] else {
         panic!("loaded");
     };
@@ -242,7 +236,7 @@ fn normals_of_no_length_are_mended_over_all_pieces() {
 fn vertices_between_pieces_are_bit_by_bit_equal() {
     let folder = tempfile::tempdir().unwrap();
     let path = sheet(folder.path(), false, false);
-    let opened = open(&path, &OpenOptions { max_mesh_bytes: 0 }).unwrap();
+    let opened = open(&path, &OpenOptions::with_max_mesh_bytes(0)).unwrap();
     let pieces: Vec<_> = (0..2)
         .map(|at| opened.meshes[0].piece(at).unwrap())
         .collect();
@@ -272,7 +266,7 @@ fn faults_of_a_piece_name_file_and_place() {
     let path = sheet(folder.path(), false, false);
     let bin = folder.path().join("sheet.bin");
     let whole = std::fs::read(&bin).unwrap();
-    let options = OpenOptions { max_mesh_bytes: 0 };
+    let options = OpenOptions::with_max_mesh_bytes(0);
     let mut bytes = whole.clone();
     let last = bytes.len() - 4;
     bytes[last..].copy_from_slice(&u32::MAX.to_le_bytes());

@@ -2,15 +2,16 @@
 //! files and inline data.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 
-use gltf::json::Root;
+use gltf::json::{Root, buffer};
 
+use super::allowance::Allowance;
 use super::decompress;
 use super::error::{Fault, Read, malformed};
 use super::file::{Extent, InputFile};
-use super::uri::{self, Target};
+use super::uri::Target;
 
 /// Files below this are read at once: many small ones would need many open files.
 const SMALL_FILE_BYTES: u64 = 1 << 20;
@@ -19,9 +20,15 @@ const SMALL_FILE_BYTES: u64 = 1 << 20;
 pub(super) struct Buffers {
     /// `None` for a buffer that only stands in for compressed views: it need not be there.
     buffers: Vec<Option<Extent>>,
+    /// Bytes of all buffers and decompressed views.
+    held_bytes: u64,
     /// Decompressed views, each once.
     decompressed: Mutex<HashMap<usize, Extent>>,
 }
+
+/// Where a view's bytes stand: its buffer, the offset there and the length. A compressed view is a
+/// buffer of its own.
+pub(super) type Range = (Option<usize>, u64, u64);
 
 /// A buffer view's bytes.
 pub(super) struct View {
@@ -34,7 +41,7 @@ pub(super) struct View {
 
 impl Buffers {
     /// Finds every buffer that the document lists; `bin` is the glb's binary chunk.
-    pub(super) fn open(root: &Root, bin: Option<&Extent>, folder: &Path) -> Read<Self> {
+    pub(super) fn open(root: &Root, bin: Option<&Extent>, allowance: &Allowance) -> Read<Self> {
         let mut files: HashMap<PathBuf, Extent> = HashMap::new();
         let mut buffers = Vec::with_capacity(root.buffers.len());
         for (at, buffer) in root.buffers.iter().enumerate() {
@@ -49,14 +56,18 @@ impl Buffers {
                     let expected = "a uri, or in a .glb a binary chunk for the first buffer";
                     return Err(malformed(place, expected, "neither"));
                 }
-                (Some(uri), _) => match uri::resolve(uri, folder, &format!("{place}.uri"))? {
-                    Target::Data(bytes) => Extent::memory(bytes),
+                (Some(uri), _) => match allowance.resolve(uri, &format!("{place}.uri"))? {
+                    Target::Data(bytes) => {
+                        allowance.take(bytes.len() as u64, &place)?;
+                        Extent::memory(bytes)
+                    }
                     // Several buffers may name one file.
                     Target::File(path) => match files.get(&path) {
                         Some(file) => file.clone(),
                         None => {
                             let mut file = Extent::file(InputFile::open(&path, &place)?);
                             if file.len() <= SMALL_FILE_BYTES {
+                                allowance.take(file.len(), &place)?;
                                 file = Extent::memory(file.to_vec()?);
                             }
                             files.insert(path, file.clone());
@@ -72,26 +83,43 @@ impl Buffers {
             };
             buffers.push(Some(extent));
         }
-        let buffers = Self {
+        let mut buffers = Self {
             buffers,
+            held_bytes: 0,
             decompressed: Mutex::default(),
         };
-        decompress::check_total(root, buffers.total_bytes())?;
+        let decompressed = decompress::check_total(root, buffers.total_bytes())?;
+        allowance.take(decompressed, "bufferViews, decompressed")?;
+        buffers.held_bytes = buffers.total_bytes().saturating_add(decompressed);
         Ok(buffers)
+    }
+
+    /// Bytes of all buffers and decompressed views.
+    pub(super) fn held_bytes(&self) -> u64 {
+        self.held_bytes
+    }
+
+    /// Where `bufferViews[index]`, which `place` names, has its bytes.
+    pub(super) fn origin(&self, root: &Root, index: usize, place: &str) -> Read<Range> {
+        let view = find_view(root, index, place)?;
+        Ok(match decompress::find(view) {
+            Some(_) => (None, index as u64, view.byte_length.0),
+            None => {
+                let offset = view.byte_offset.unwrap_or_default().0;
+                (Some(view.buffer.value()), offset, view.byte_length.0)
+            }
+        })
     }
 
     /// All bytes together: what a file can account for.
     pub(super) fn total_bytes(&self) -> u64 {
-        self.buffers.iter().flatten().map(Extent::len).sum()
+        let lengths = self.buffers.iter().flatten().map(Extent::len);
+        lengths.fold(0, u64::saturating_add)
     }
 
     /// The bytes of `bufferViews[index]`, which `place` names; decompressed where the view is compressed.
     pub(super) fn view(&self, root: &Root, index: usize, place: &str) -> Read<View> {
-        let Some(view) = root.buffer_views.get(index) else {
-            let here = format!("{place}.bufferView");
-            let length = root.buffer_views.len();
-            return Err(out_of_range(&here, "bufferViews", length, index));
-        };
+        let view = find_view(root, index, place)?;
         let here = format!("bufferViews[{index}]");
         let stride = view.byte_stride.map(|stride| stride.0);
         if let Some(stride) = stride
@@ -119,7 +147,7 @@ impl Buffers {
     fn decompress(
         &self,
         index: usize,
-        view: &gltf::json::buffer::View,
+        view: &buffer::View,
         compressed: decompress::Extension,
         place: &str,
     ) -> Read<Extent> {
@@ -154,6 +182,13 @@ impl Buffers {
             malformed(place, expected, format!("{length} bytes at {offset}"))
         })
     }
+}
+
+fn find_view<'a>(root: &'a Root, index: usize, place: &str) -> Read<&'a buffer::View> {
+    root.buffer_views.get(index).ok_or_else(|| {
+        let here = format!("{place}.bufferView");
+        out_of_range(&here, "bufferViews", root.buffer_views.len(), index)
+    })
 }
 
 /// An index into one of the document's lists that is too large.

@@ -1,5 +1,6 @@
 //! Container: the chunks of a `.glb`, or the text of a `.gltf`.
 
+use super::allowance::Allowance;
 use super::error::{Read, malformed};
 use super::file::Extent;
 use super::warnings::Warnings;
@@ -13,18 +14,27 @@ pub(super) struct Container {
 const MAGIC: &[u8] = b"glTF";
 const HEADER_BYTES: u64 = 12;
 const CHUNK_HEADER_BYTES: u64 = 8;
+/// A file has two, and one for each extension of the container.
+const MOST_CHUNKS: usize = 1024;
 
 /// Tells the two containers apart by their first bytes, not by the name.
-pub(super) fn split(file: &Extent, warnings: &mut Warnings) -> Read<Container> {
+pub(super) fn split(
+    file: &Extent,
+    allowance: &Allowance,
+    warnings: &mut Warnings,
+) -> Read<Container> {
     let head = file.head(HEADER_BYTES)?;
     if head.starts_with(MAGIC) {
-        return split_glb(file, warnings);
+        return split_glb(file, allowance, warnings);
     }
     let start = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head);
     let blank = start.trim_ascii_start().is_empty();
     // What cannot be JSON is not read to its end.
-    let bytes = match blank || start.trim_ascii_start().starts_with(b"{") {
-        true => file.to_vec()?,
+    let mut bytes = match blank || start.trim_ascii_start().starts_with(b"{") {
+        true => {
+            allowance.fits(file.len(), "file")?;
+            file.to_vec()?
+        }
         false => head,
     };
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
@@ -37,13 +47,15 @@ pub(super) fn split(file: &Extent, warnings: &mut Warnings) -> Read<Container> {
         let expected = "the magic \"glTF\" or a JSON object";
         return Err(malformed("byte 0", expected, found));
     }
+    let mark_bytes = bytes.len() - text.len();
+    bytes.drain(..mark_bytes);
     Ok(Container {
-        json: utf8(text.to_vec())?,
+        json: utf8(bytes)?,
         bin: None,
     })
 }
 
-fn split_glb(file: &Extent, warnings: &mut Warnings) -> Read<Container> {
+fn split_glb(file: &Extent, allowance: &Allowance, warnings: &mut Warnings) -> Read<Container> {
     let header = |offset| word(file, offset, "header of 12 bytes");
     let version = header(4)?;
     if version != 2 {
@@ -65,6 +77,7 @@ fn split_glb(file: &Extent, warnings: &mut Warnings) -> Read<Container> {
         let found = format!("\"{}\"", kind.escape_ascii());
         return Err(malformed("chunk 0", "type \"JSON\"", found));
     }
+    allowance.fits(json.len(), "chunk 0")?;
     let json = utf8(json.to_vec()?)?;
     let mut bin = None;
     for (at, (kind, data)) in chunks.into_iter().enumerate().skip(1) {
@@ -83,6 +96,13 @@ fn read_chunks(glb: &Extent) -> Read<Vec<([u8; 4], Extent)>> {
     let mut at = HEADER_BYTES;
     while at < glb.len() {
         let place = format!("chunk {}", chunks.len());
+        if chunks.len() >= MOST_CHUNKS {
+            return Err(malformed(
+                place,
+                format!("{MOST_CHUNKS} chunks at most"),
+                "more",
+            ));
+        }
         let length = u64::from(word(glb, at, &place)?);
         let data = glb.slice(at + CHUNK_HEADER_BYTES, length);
         let Some(data) = data else {

@@ -8,7 +8,7 @@ use gltf::json::Root;
 use gltf::json::buffer::{Buffer, View};
 use serde_json::{Map, Value};
 
-use super::error::{Read, malformed};
+use super::error::{Read, malformed, short, shown};
 
 /// The extension's names.
 pub(super) const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
@@ -40,15 +40,15 @@ pub(super) fn is_fallback(buffer: &Buffer) -> bool {
     extension.is_some_and(|(_, it)| it.get("fallback") == Some(&Value::Bool(true)))
 }
 
-/// Refuses a small file whose views unfold to very much.
-pub(super) fn check_total(root: &Root, bytes: u64) -> Read<()> {
+/// Bytes of all compressed views. Refuses a small file whose views unfold to very much.
+pub(super) fn check_total(root: &Root, bytes: u64) -> Read<u64> {
     let compressed = root.buffer_views.iter().filter(|view| find(view).is_some());
     let total = compressed.fold(0u64, |sum, view| sum.saturating_add(view.byte_length.0));
     let most = bytes
         .saturating_mul(MOST_TOTAL_BYTES_PER_BYTE)
         .max(TOTAL_BYTES_ALWAYS);
     match total <= most {
-        true => Ok(()),
+        true => Ok(total),
         false => {
             let expected = format!("compressed views of {most} bytes at most from {bytes} bytes");
             Err(malformed("bufferViews", expected, total))
@@ -90,7 +90,7 @@ impl Block {
             let value = extension.get(key);
             let number = value.map_or(default, Value::as_u64);
             number.ok_or_else(|| {
-                let found = value.map_or("nothing".to_owned(), Value::to_string);
+                let found = value.map_or("nothing".to_owned(), |it| shown(it, 80));
                 malformed(format!("{place}.{key}"), "a whole number", found)
             })
         };
@@ -126,10 +126,8 @@ impl Block {
             (mode, filter) => {
                 let expected =
                     "ATTRIBUTES, or without a filter TRIANGLES (a multiple of 3) or INDICES";
-                let found = format!(
-                    "{} of {count} with filter {filter}",
-                    mode.unwrap_or("nothing")
-                );
+                let mode = short(mode.unwrap_or("nothing"));
+                let found = format!("{mode} of {count} with filter {}", short(filter));
                 return Err(malformed(format!("{place}.mode"), expected, found));
             }
         };

@@ -1,6 +1,6 @@
 //! What is wrong with a file, said once, on one line.
 
-use std::fmt::Display;
+use std::fmt::{Display, Write};
 use std::path::{Path, PathBuf};
 
 /// Result of a stage that does not know which file it reads.
@@ -60,20 +60,27 @@ pub enum Fault {
     },
 }
 
+/// Longest place, and longest text of ours, in characters.
+const PLACE_CHARS: usize = 200;
+/// Longest text that may be the file's, in characters.
+const FOUND_CHARS: usize = 120;
+/// Longest quotation, in characters.
+const QUOTED_CHARS: usize = 80;
+
 /// A [`Fault::Malformed`]; texts from the file are made printable and short.
 pub(super) fn malformed(place: impl Display, expected: impl Display, found: impl Display) -> Fault {
     Fault::Malformed {
-        place: one_line(&place),
-        expected: one_line(&expected),
-        found: one_line(&found),
+        place: shown(&place, PLACE_CHARS),
+        expected: shown(&expected, PLACE_CHARS),
+        found: shown(&found, FOUND_CHARS),
     }
 }
 
 /// A [`Fault::Unsupported`].
 pub(super) fn unsupported(place: impl Display, what: impl Display, advice: &str) -> Fault {
     Fault::Unsupported {
-        place: one_line(&place),
-        what: one_line(&what),
+        place: shown(&place, PLACE_CHARS),
+        what: shown(&what, FOUND_CHARS),
         advice: advice.to_owned(),
     }
 }
@@ -81,28 +88,90 @@ pub(super) fn unsupported(place: impl Display, what: impl Display, advice: &str)
 /// A [`Fault::File`].
 pub(super) fn cannot_read(place: impl Display, file: &Path, cause: &std::io::Error) -> Fault {
     Fault::File {
-        place: one_line(&place),
-        file: one_line(&file.display()),
-        cause: one_line(cause),
+        place: shown(&place, PLACE_CHARS),
+        file: shown(&file.display(), PLACE_CHARS),
+        cause: shown(cause, PLACE_CHARS),
     }
 }
 
-/// Names and values come from the file: control characters are escaped and the rest is cut, so that an error stays one line.
+/// A name out of the file, printable and short.
+pub(super) fn short(name: &str) -> String {
+    shown(&name, QUOTED_CHARS)
+}
+
+/// `text` between quotation marks, printable and short.
+pub(super) fn quoted(text: &str) -> String {
+    format!("\"{}\"", short(text))
+}
+
+/// The same of bytes that need not be UTF-8.
+pub(super) fn quoted_bytes(bytes: &[u8]) -> String {
+    format!("\"{}\"", shown(&bytes.escape_ascii(), QUOTED_CHARS))
+}
+
+/// A file's own path, as its caller gave it, on one line.
 pub(super) fn one_line(text: &dyn Display) -> String {
-    const LONGEST: usize = 400;
-    let text = text.to_string();
-    let mut line = String::with_capacity(text.len().min(LONGEST));
-    for (at, character) in text.chars().enumerate() {
-        if at == LONGEST {
-            line.push('…');
-            break;
-        }
-        // The two separators end a line for many readers without being control characters.
-        if character.is_control() || matches!(character, '\u{2028}' | '\u{2029}') {
-            line.extend(character.escape_default());
-        } else {
-            line.push(character);
-        }
+    shown(text, 4096)
+}
+
+/// Names and values come from the file: what moves a terminal's cursor or turns its text is
+/// escaped, and the rest is cut after `most_chars`.
+pub(super) fn shown(text: &dyn Display, most_chars: usize) -> String {
+    let mut line = Shown {
+        line: String::new(),
+        left: most_chars,
+    };
+    // An error means that the line is full; no more of the text is then made.
+    if write!(line, "{text}").is_err() {
+        line.line.push('…');
     }
-    line
+    line.line
+}
+
+/// A line that takes so many characters.
+struct Shown {
+    line: String,
+    left: usize,
+}
+
+impl Write for Shown {
+    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+        for character in text.chars() {
+            let escaped = character.escape_default();
+            let is_plain = !is_unprintable(character);
+            let length = if is_plain { 1 } else { escaped.len() };
+            self.left = self.left.checked_sub(length).ok_or(std::fmt::Error)?;
+            match is_plain {
+                true => self.line.push(character),
+                false => self.line.extend(escaped),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Control characters, the two separators that end a line for many readers, and the marks that
+/// turn the direction of text.
+fn is_unprintable(character: char) -> bool {
+    character.is_control()
+        || matches!(character, '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}')
+        || matches!(character, '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{quoted, quoted_bytes, shown};
+
+    #[test]
+    fn shown_text_is_short_and_printable() {
+        assert_eq!(shown(&"a\u{1b}[0m\n", 20), "a\\u{1b}[0m\\n");
+        assert_eq!(shown(&"a\u{202e}b\u{2028}", 40), "a\\u{202e}b\\u{2028}");
+        assert_eq!(shown(&"abc", 3), "abc");
+        assert_eq!(shown(&"abcd", 3), "abc…");
+        let escapes = shown(&"\0".repeat(1000), 80);
+        assert!(escapes.chars().count() <= 81, "{escapes}");
+        assert_eq!(quoted("näme"), "\"näme\"");
+        assert_eq!(quoted_bytes(b"a\xff"), "\"a\\xff\"");
+        assert_eq!(quoted_bytes(&[b'a'; 1000]).chars().count(), 83);
+    }
 }

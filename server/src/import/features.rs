@@ -5,7 +5,7 @@ use gltf::json::mesh::{Mode, Primitive};
 use gltf::json::validation::Checked;
 
 use super::decompress;
-use super::error::{Read, unsupported};
+use super::error::{Read, short, unsupported};
 use super::warnings::Warnings;
 
 pub(super) const QUANTIZATION: &str = "KHR_mesh_quantization";
@@ -55,7 +55,7 @@ pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Read<()> {
             _ => "export the file without requiring it",
         };
         let place = format!("extensionsRequired[{at}]");
-        let what = format!("the required extension {extension}");
+        let what = format!("the required extension {}", short(extension));
         return Err(unsupported(place, what, advice));
     }
     for (at, extension) in root.extensions_used.iter().enumerate() {
@@ -65,7 +65,7 @@ pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Read<()> {
             .iter()
             .any(|it| it.contains(&extension));
         if !quiet {
-            let what = format!("optional extension {extension} not read");
+            let what = format!("optional extension {} not read", short(extension));
             warnings.add(what, 1, &format!("extensionsUsed[{at}]"));
         }
     }

@@ -1,26 +1,34 @@
 //! JSON: text to the `gltf` crate's typed document.
 //!
-//! That document keeps indices as `u32` and cuts larger numbers silently, skips `extras` without parsing them, and its errors
-//! know a column but no path. So the text is walked once before.
-
-use std::fmt;
+//! That document keeps indices as `u32` and cuts larger numbers silently, skips `extras` without
+//! parsing them, its errors know a column but no path, and three bytes of text may become a
+//! kilobyte. So the text is walked once before, by `walk`, which counts what the document would
+//! take.
 
 use gltf::json::Root;
-use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+use serde_json::value::RawValue;
 
-use super::error::{Fault, Read, malformed};
+use super::allowance::Allowance;
+use super::error::{Fault, Read, malformed, shown};
+use super::walk;
 
-/// Parses and checks syntax, nesting (serde_json stops at 128 levels), index ranges and the asset's version.
-pub(super) fn parse(text: &str) -> Read<Root> {
-    let mut reader = serde_json::Deserializer::from_str(text);
-    Walk::default()
-        .deserialize(&mut reader)
-        .and_then(|()| reader.end())
-        .map_err(|error| fault(text, &error))?;
+/// Longest message of the parser that is looked at: it quotes the text.
+const MESSAGE_CHARS: usize = 400;
+
+/// Parses and checks syntax, nesting (serde_json stops at 128 levels), index ranges, the memory
+/// that the document takes and the asset's version.
+pub(super) fn parse(text: &str, allowance: &Allowance) -> Read<Root> {
+    // The text, the strings and extras that are copied out of it, and a copy with what it lacks.
+    allowance.take(3 * text.len() as u64, "JSON")?;
+    let meter = walk::Meter::new(text.len() as u64, allowance.left_bytes());
+    walk::walk(text, &meter).map_err(|error| fault(text, &error))?;
+    allowance.take(meter.bytes(), "JSON")?;
     let root = match Root::from_str(text) {
         Ok(root) => root,
         // The crate asks for `scenes[].nodes`, which the specification leaves optional.
-        Err(error) if error.to_string().starts_with("missing field `nodes`") => {
+        Err(error) if shown(&error, MESSAGE_CHARS).starts_with("missing field `nodes`") => {
             with_scene_nodes(text).map_err(|error| fault(text, &error))?
         }
         Err(error) => return Err(fault(text, &error)),
@@ -29,17 +37,40 @@ pub(super) fn parse(text: &str) -> Read<Root> {
     Ok(root)
 }
 
+/// The document of `text` with empty lists of nodes where scenes have none.
 fn with_scene_nodes(text: &str) -> serde_json::Result<Root> {
-    let mut value: serde_json::Value = serde_json::from_str(text)?;
-    let scenes = value.get_mut("scenes").and_then(|it| it.as_array_mut());
-    for scene in scenes.into_iter().flatten() {
-        if let Some(scene) = scene.as_object_mut() {
-            scene
-                .entry("nodes")
-                .or_insert_with(|| Vec::<u32>::new().into());
-        }
+    #[derive(Deserialize)]
+    struct Document<'a> {
+        #[serde(borrow, default)]
+        scenes: Vec<&'a RawValue>,
     }
-    serde_json::from_value(value)
+    #[derive(Deserialize)]
+    struct Scene {
+        nodes: Option<IgnoredAny>,
+    }
+    let document: Document = serde_json::from_str(text)?;
+    let mut whole = String::with_capacity(text.len());
+    let mut copied = 0;
+    for scene in document.scenes {
+        let Some(inside) = scene.get().strip_prefix('{') else {
+            continue;
+        };
+        if serde_json::from_str::<Scene>(scene.get())?.nodes.is_some() {
+            continue;
+        }
+        // `inside` is a part of `text`.
+        let start = inside.as_ptr() as usize - text.as_ptr() as usize;
+        whole.push_str(&text[copied..start]);
+        let is_empty = inside.trim_start().starts_with('}');
+        whole.push_str(if is_empty {
+            "\"nodes\":[]"
+        } else {
+            "\"nodes\":[],"
+        });
+        copied = start;
+    }
+    whole.push_str(&text[copied..]);
+    serde_json::from_str(&whole)
 }
 
 fn check_version(root: &Root) -> Read<()> {
@@ -54,7 +85,7 @@ fn check_version(root: &Root) -> Read<()> {
 }
 
 fn fault(text: &str, error: &serde_json::Error) -> Fault {
-    let message = error.to_string();
+    let message = shown(error, MESSAGE_CHARS);
     // The position is part of the place; serde_json has it in the message, too.
     let message = message
         .rsplit_once(" at line ")
@@ -76,6 +107,7 @@ fn fault(text: &str, error: &serde_json::Error) -> Fault {
 /// ` (accessors[0].count)`: the path of the value that stands before `line` and `column`, both from 1.
 fn place(text: &str, line: usize, column: usize) -> String {
     const DEEPEST: usize = 8;
+    const KEY_BYTES: usize = 64;
     enum Level<'a> {
         Object(&'a str),
         Array(usize),
@@ -120,7 +152,8 @@ fn place(text: &str, line: usize, column: usize) -> String {
                     }
                 }
                 if awaits_key && let Some(Level::Object(key)) = levels.last_mut() {
-                    *key = text.get(start..at.min(end)).unwrap_or("");
+                    let length = (at.min(end) - start).min(KEY_BYTES);
+                    *key = text.get(start..start + length).unwrap_or("…");
                     awaits_key = false;
                 }
                 at += 1;
@@ -146,121 +179,17 @@ fn place(text: &str, line: usize, column: usize) -> String {
     }
 }
 
-/// Visits every value and refuses indices and enumerations beyond `u32`.
-#[derive(Clone, Copy, Default)]
-struct Walk {
-    /// The number here is an index or an enumeration.
-    index: bool,
-    /// All keys below are names of things with indices (`attributes`, `targets`).
-    named_indices: bool,
-    /// Below `extras` or `extensions`, where keys mean what their authors like.
-    foreign: bool,
-}
+#[cfg(test)]
+mod tests {
+    use super::with_scene_nodes;
 
-const INDEX_KEYS: &[&str] = &[
-    "buffer",
-    "bufferView",
-    "camera",
-    "children",
-    "componentType",
-    "index",
-    "indices",
-    "input",
-    "inverseBindMatrices",
-    "joints",
-    "magFilter",
-    "material",
-    "mesh",
-    "minFilter",
-    "mode",
-    "node",
-    "nodes",
-    "output",
-    "sampler",
-    "scene",
-    "skeleton",
-    "skin",
-    "source",
-    "target",
-    "texCoord",
-    "wrapS",
-    "wrapT",
-];
-
-impl Walk {
-    fn below(self, key: &str) -> Self {
-        if self.foreign || matches!(key, "extras" | "extensions") {
-            return Self {
-                index: false,
-                named_indices: false,
-                foreign: true,
-            };
-        }
-        let named_indices = self.named_indices || matches!(key, "attributes" | "targets");
-        Self {
-            index: named_indices || INDEX_KEYS.contains(&key),
-            named_indices,
-            foreign: false,
-        }
-    }
-}
-
-impl<'de> DeserializeSeed<'de> for Walk {
-    type Value = ();
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
-        deserializer.deserialize_any(self)
-    }
-}
-
-impl<'de> Visitor<'de> for Walk {
-    type Value = ();
-
-    fn expecting(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
-        formatter.write_str("any JSON value")
-    }
-
-    fn visit_bool<E>(self, _: bool) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_i64<E>(self, _: i64) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_u64<E: serde::de::Error>(self, value: u64) -> Result<(), E> {
-        // u32::MAX itself stands for "none" inside the crate.
-        if self.index && value >= u64::from(u32::MAX) {
-            let message = format!("{value}, expected an index below {}", u32::MAX);
-            return Err(E::custom(message));
-        }
-        Ok(())
-    }
-
-    fn visit_f64<E>(self, _: f64) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_str<E>(self, _: &str) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_unit<E>(self) -> Result<(), E> {
-        Ok(())
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut values: A) -> Result<(), A::Error> {
-        while values.next_element_seed(self)?.is_some() {}
-        Ok(())
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut values: A) -> Result<(), A::Error> {
-        while let Some(key) = values.next_key::<String>()? {
-            if key.len() > u16::MAX as usize {
-                return Err(A::Error::custom("a key of more than 65535 bytes"));
-            }
-            values.next_value_seed(self.below(&key))?;
-        }
-        Ok(())
+    #[test]
+    fn scenes_without_nodes_get_an_empty_list() {
+        let text =
+            r#"{"asset":{"version":"2.0"},"scenes":[{}, { "name" : "a}" },{"nodes":[1]},{ }]}"#;
+        let root = with_scene_nodes(text).expect("parses");
+        let nodes: Vec<usize> = root.scenes.iter().map(|scene| scene.nodes.len()).collect();
+        assert_eq!(nodes, [0, 0, 1, 0]);
+        assert_eq!(root.scenes[1].name.as_deref(), Some("a}"));
     }
 }

@@ -1,7 +1,5 @@
 //! Materials: the metallic-roughness model with its base-colour texture.
 
-use std::path::Path;
-
 use gltf::json::extensions::material::PbrSpecularGlossiness;
 use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::material::AlphaMode as JsonAlphaMode;
@@ -9,21 +7,22 @@ use gltf::json::texture::{Info, MagFilter, WrappingMode};
 use gltf::json::validation::Checked;
 
 use super::Document;
+use super::allowance::Allowance;
 use super::buffers::out_of_range;
-use super::error::{Read, malformed};
+use super::error::{Read, malformed, short};
 use super::features;
 use super::images::Images;
-use super::scene::{AlphaMode, Image, Material, SamplerWrap};
+use super::scene::{AlphaMode, Image, Material, SamplerWrap, short_name};
 use super::warnings::Warnings;
 
 /// Every material of the document, the default one after them where asked, and the images that they use.
 pub(super) fn read(
     document: &Document,
-    folder: &Path,
+    allowance: &Allowance,
     with_default: bool,
     warnings: &mut Warnings,
 ) -> Read<(Vec<Material>, Vec<Image>)> {
-    let mut images = Images::new(document, folder);
+    let mut images = Images::new(document, allowance);
     let mut materials = Vec::with_capacity(document.root.materials.len() + 1);
     for (at, source) in document.root.materials.iter().enumerate() {
         let place = format!("materials[{at}]");
@@ -197,7 +196,7 @@ fn read_factors(
         it.clamp(0.0, 1.0)
     };
     let material = Material {
-        name: source.name.clone().unwrap_or_default(),
+        name: short_name(source.name.as_deref().unwrap_or_default()),
         base_color_factor: factors.base_color.map(&mut unit),
         alpha_mode: match source.alpha_mode {
             Checked::Valid(JsonAlphaMode::Opaque) => AlphaMode::Opaque,
@@ -250,14 +249,10 @@ fn read_texture(
     // The crate's mark for a texture without a source: an extension holds it.
     if texture.source.value() == u32::MAX as usize {
         let others = texture.extensions.as_ref().map(|it| &it.others);
-        let names: Vec<_> = others
-            .into_iter()
-            .flat_map(|it| it.keys())
-            .cloned()
-            .collect();
-        let what = match names.is_empty() {
-            true => "textures without an image left out".to_owned(),
-            false => format!("textures that need {} left out", names.join(", ")),
+        let mut names = others.into_iter().flat_map(|it| it.keys());
+        let what = match names.next() {
+            None => "textures without an image left out".to_owned(),
+            Some(name) => format!("textures that need {} left out", short(name)),
         };
         warnings.add(what, 1, &place);
         return Ok(());

@@ -8,11 +8,10 @@ use super::attributes::{Attributes, Present};
 use super::complete;
 use super::error::{Read, malformed};
 use super::materials;
-use super::nodes::Placed;
 use super::opened::{OpenedMesh, array_bytes};
 use super::primitive::{self, TrianglePrimitive, VertexSource};
 use super::primitive_pieces;
-use super::scene::Mesh;
+use super::scene::{Mesh, short_name};
 use super::used::Used;
 use super::warnings::Warnings;
 
@@ -25,42 +24,11 @@ pub(super) struct BuiltMesh {
     pub(super) warnings: Warnings,
 }
 
-/// Corners that accessors may give beyond their own bytes by being shared: each reference copies them.
-const MOST_CORNERS_PER_BYTE: u64 = 64;
-const CORNERS_ALWAYS: u64 = 1 << 24;
-
-/// Refuses a small file that unfolds to a huge one by naming one accessor from very many primitives.
-pub(super) fn check_sharing(document: &Document, placed: &Placed) -> Read<()> {
-    let count_of = |index: usize| {
-        let accessor = document.root.accessors.get(index);
-        accessor.map_or(0, |it| {
-            let sparse = it.sparse.as_ref().map_or(0, |sparse| sparse.count.0);
-            it.count.0.saturating_add(sparse)
-        })
-    };
-    let bytes = document.buffers.total_bytes();
-    let most = (bytes.saturating_mul(MOST_CORNERS_PER_BYTE)).max(CORNERS_ALWAYS);
-    let mut corners = 0u64;
-    let meshes = document.root.meshes.iter().enumerate();
-    for (at, mesh) in meshes.filter(|&(at, _)| placed.mesh_used[at]) {
-        for primitive in &mesh.primitives {
-            let vertices = primitive.attributes.values().next().copied();
-            let order = primitive.indices.or(vertices);
-            corners = corners.saturating_add(order.map_or(0, |index| count_of(index.value())));
-        }
-        if corners > most {
-            let expected = format!("{most} corners at most from {bytes} bytes of buffers");
-            return Err(malformed(format!("meshes[{at}]"), expected, corners));
-        }
-    }
-    Ok(())
-}
-
 /// Builds `meshes[index]` of the document, or leaves it in its file where its arrays would take more than `most_bytes`.
 pub(super) fn build(document: &Document, index: usize, most_bytes: u64) -> Read<BuiltMesh> {
     let source = &document.root.meshes[index];
     let place = format!("meshes[{index}]");
-    let name = source.name.clone();
+    let name = source.name.as_deref().map(short_name);
     let name = name.unwrap_or_else(|| format!("mesh_{index}"));
     let mut warnings = Warnings::default();
     let mut primitives = Vec::new();

@@ -9,7 +9,9 @@
 //!
 //! The `gltf` crate only types the JSON. It trusts every index and range in it, so each one is checked here,
 //! with its place in the document, before it is followed: no input can panic, loop or allocate beyond what its own
-//! bytes account for. What cannot be read is one error; what is left out is a line in [`ImportedScene::warnings`].
+//! bytes account for, or than [`OpenOptions::memory_limit_bytes`]: `allowance` keeps that account,
+//! `walk` counts the JSON and `sharing` the accessors. A fault is one error; what is left out is a
+//! line in [`ImportedScene::warnings`].
 //!
 //! # Meshes larger than memory
 //!
@@ -20,7 +22,7 @@
 //! ```no_run
 //! use lodestream_server::import::{MeshSource, OpenOptions, open};
 //! # fn show() -> Result<(), lodestream_server::import::ImportError> {
-//! let scene = open("scan.ply".as_ref(), &OpenOptions { max_mesh_bytes: 256 << 20 })?;
+//! let scene = open("scan.ply".as_ref(), &OpenOptions::with_max_mesh_bytes(256 << 20))?;
 //! for mesh in &scene.meshes {
 //!     for index in 0..mesh.piece_count() {
 //!         println!("{}: {} triangles", mesh.name(), mesh.piece(index)?.triangles.len());
@@ -31,6 +33,7 @@
 //! ```
 
 mod accessor;
+mod allowance;
 mod attributes;
 mod buffers;
 mod color;
@@ -55,10 +58,12 @@ mod primitive;
 mod primitive_pieces;
 mod rows;
 mod scene;
+mod sharing;
 mod source;
 mod stl;
 mod uri;
 mod used;
+mod walk;
 mod warnings;
 mod weld;
 
@@ -70,13 +75,15 @@ use std::path::Path;
 use gltf::json::Root;
 use rayon::prelude::*;
 
+use allowance::Allowance;
 use buffers::Buffers;
 use error::Read;
 use file::{Extent, InputFile};
 use warnings::Warnings;
 
 pub use error::{Fault, ImportError};
-pub use opened::{OpenOptions, OpenedMesh, OpenedScene, StreamedMesh};
+pub(crate) use images::dimensions;
+pub use opened::{MAX_IMAGE_PIXELS, OpenOptions, OpenedMesh, OpenedScene, StreamedMesh};
 pub use scene::{
     AlphaMode, Image, ImportedScene, Instance, Material, MediaType, Mesh, SamplerWrap,
 };
@@ -126,11 +133,12 @@ fn open_file(path: &Path, options: &OpenOptions) -> Read<OpenedScene> {
         _ => Path::new("."),
     };
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let allowance = Allowance::new(folder, options);
     match Format::of(path, &file)? {
-        Format::Gltf => read_gltf(&file, folder, &name, options),
-        Format::Obj => obj::read(&file, folder, &name),
-        Format::Ply => ply::read(&file, folder, &name, options),
-        Format::Stl => stl::read(&file, &name, options),
+        Format::Gltf => read_gltf(&file, &allowance, &name, options),
+        Format::Obj => obj::read(&file, &allowance, &name),
+        Format::Ply => ply::read(&file, &allowance, &name, options),
+        Format::Stl => stl::read(&file, &allowance, &name, options),
     }
 }
 
@@ -168,22 +176,27 @@ impl Format {
     }
 }
 
-/// Reads the glTF in `file`; `folder` holds its external files, `name` stands in for a scene without a name.
-fn read_gltf(file: &Extent, folder: &Path, name: &str, options: &OpenOptions) -> Read<OpenedScene> {
+/// Reads the glTF in `file`; `name` stands in for a scene without a name.
+fn read_gltf(
+    file: &Extent,
+    allowance: &Allowance,
+    name: &str,
+    options: &OpenOptions,
+) -> Read<OpenedScene> {
     let mut warnings = Warnings::default();
-    let container = container::split(file, &mut warnings)?;
-    let root = json::parse(&container.json)?;
+    let container = container::split(file, allowance, &mut warnings)?;
+    let root = json::parse(&container.json, allowance)?;
     features::check(&root, &mut warnings)?;
 
-    let buffers = Buffers::open(&root, container.bin.as_ref(), folder)?;
+    let buffers = Buffers::open(&root, container.bin.as_ref(), allowance)?;
     let document = Document {
         root: &root,
         buffers: &buffers,
         quantized: features::names(&root, features::QUANTIZATION),
     };
-    let placed = nodes::place(&document, &mut warnings)?;
-    mesh::check_sharing(&document, &placed)?;
-    let built = build_meshes(&document, &placed, options.max_mesh_bytes)?;
+    let placed = nodes::place(&document, allowance, &mut warnings)?;
+    sharing::check(&document, &placed, allowance)?;
+    let built = build_meshes(&document, &placed, allowance, options.max_mesh_bytes)?;
 
     let mut scene = OpenedScene {
         name: placed.scene_name.clone().unwrap_or_else(|| name.to_owned()),
@@ -212,27 +225,45 @@ fn read_gltf(file: &Extent, folder: &Path, name: &str, options: &OpenOptions) ->
         })
         .collect();
     (scene.materials, scene.images) =
-        materials::read(&document, folder, default_material, &mut warnings)?;
+        materials::read(&document, allowance, default_material, &mut warnings)?;
     scene.warnings = warnings.into_lines();
     Ok(scene)
 }
 
-/// Builds every placed mesh, in the file's order whatever the thread count; the first fault in that order is the one told.
+/// Builds every placed mesh, in the file's order whatever the thread count; the first fault in that
+/// order is the one told. Meshes that would not fit beside the others stay in their files, however
+/// small they are.
 fn build_meshes(
     document: &Document,
     placed: &nodes::Placed,
+    allowance: &Allowance,
     most_mesh_bytes: u64,
 ) -> Read<Vec<(usize, mesh::BuiltMesh)>> {
-    let sources: Vec<usize> = (0..document.root.meshes.len())
-        .filter(|&source| placed.mesh_used[source])
-        .collect();
-    let built: Vec<Read<mesh::BuiltMesh>> = sources
-        .par_iter()
-        .map(|&source| mesh::build(document, source, most_mesh_bytes))
-        .collect();
-    sources
-        .into_iter()
-        .zip(built)
-        .map(|(source, built)| Ok((source, built?)))
-        .collect()
+    // Half for meshes that are loaded, half for the normals of those that are loaded at the time.
+    let most = allowance.left_bytes() / 2;
+    let (mut loaded, mut making, mut batch) = (0u64, 0u64, 0);
+    let mut sources = Vec::new();
+    for source in (0..document.root.meshes.len()).filter(|&at| placed.mesh_used[at]) {
+        let need = sharing::Need::of(document, source);
+        let fits = need.making_bytes <= most && loaded.saturating_add(need.array_bytes) <= most;
+        if fits {
+            loaded += need.array_bytes;
+            making = making.saturating_add(need.making_bytes);
+            if making > most {
+                (making, batch) = (need.making_bytes, batch + 1);
+            }
+        }
+        sources.push((batch, source, if fits { most_mesh_bytes } else { 0 }));
+    }
+    let mut built = Vec::with_capacity(sources.len());
+    for beside in sources.chunk_by(|a, b| a.0 == b.0) {
+        let some: Vec<Read<mesh::BuiltMesh>> = beside
+            .par_iter()
+            .map(|&(_, source, most_bytes)| mesh::build(document, source, most_bytes))
+            .collect();
+        for (&(_, source, _), one) in beside.iter().zip(some) {
+            built.push((source, one?));
+        }
+    }
+    Ok(built)
 }

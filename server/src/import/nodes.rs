@@ -1,15 +1,18 @@
 //! Nodes: the chosen scene's tree to instances in world space.
 
+use std::mem::size_of;
+
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use gltf::json::accessor::ComponentType::{F32, I8, I16};
 use gltf::json::{Node, Root};
 
 use super::Document;
 use super::accessor::{Accessor, Component};
+use super::allowance::Allowance;
 use super::buffers::out_of_range;
-use super::error::{Read, malformed};
+use super::error::{Read, malformed, short};
 use super::features;
-use super::scene::Instance;
+use super::scene::{Instance, short_name};
 use super::warnings::Warnings;
 
 /// What the chosen scene shows.
@@ -21,11 +24,18 @@ pub(super) struct Placed {
     pub(super) scene_name: Option<String>,
 }
 
-/// Instances beyond those that nodes and buffers account for: instancing attributes may be shared between nodes.
-const MOST_INSTANCES_PER_BYTE: u64 = 4;
+/// Bytes of buffers for an instance: a translation has twelve, and nodes may share them.
+const BYTES_PER_INSTANCE: u64 = 2;
+const INSTANCES_ALWAYS: u64 = 1 << 17;
+/// Memory of an instance: here, and merged with those of other files.
+const INSTANCE_BYTES: u64 = 3 * size_of::<Instance>() as u64;
 
 /// Walks the default scene, else the first, else all root nodes; places every mesh once where there are no nodes.
-pub(super) fn place(document: &Document, warnings: &mut Warnings) -> Read<Placed> {
+pub(super) fn place(
+    document: &Document,
+    allowance: &Allowance,
+    warnings: &mut Warnings,
+) -> Read<Placed> {
     let root = document.root;
     let parents = check_forest(root)?;
     let (scene_name, roots) = choose_scene(root, &parents, warnings)?;
@@ -46,7 +56,7 @@ pub(super) fn place(document: &Document, warnings: &mut Warnings) -> Read<Placed
         }
         return Ok(placed);
     }
-    walk(document, roots, &mut placed, warnings)?;
+    walk(document, allowance, roots, &mut placed, warnings)?;
     for (at, _) in placed
         .mesh_used
         .iter()
@@ -156,19 +166,20 @@ fn choose_scene(
         listed[node] = true;
         roots.push(node);
     }
-    Ok((scene.name.clone(), roots))
+    Ok((scene.name.as_deref().map(short_name), roots))
 }
 
 /// Depth first in the document's order, on a stack of its own: chains may be as long as the file.
 fn walk(
     document: &Document,
+    allowance: &Allowance,
     roots: Vec<usize>,
     placed: &mut Placed,
     warnings: &mut Warnings,
 ) -> Read<()> {
     let nodes = &document.root.nodes;
     let bytes = document.buffers.total_bytes();
-    let most = nodes.len() as u64 + bytes.saturating_mul(MOST_INSTANCES_PER_BYTE);
+    let most = nodes.len() as u64 + (bytes / BYTES_PER_INSTANCE).max(INSTANCES_ALWAYS);
     let mut open: Vec<(usize, DAffine3)> = Vec::new();
     open.extend(roots.into_iter().rev().map(|at| (at, DAffine3::IDENTITY)));
     while let Some((at, world_from_parent)) = open.pop() {
@@ -196,6 +207,7 @@ fn walk(
                         let expected = format!("{most} instances at most from {bytes} bytes");
                         return Err(malformed(place, expected, "more"));
                     }
+                    allowance.take(offsets.count as u64 * INSTANCE_BYTES, &place)?;
                     for offset in 0..offsets.count {
                         let offset = offsets.get(offset, &place)?;
                         placed.show(mesh, world_from_node * offset);
@@ -302,6 +314,7 @@ fn instancing(
     };
     let mut count = None;
     for (name, index) in attributes {
+        let name = short(name);
         let place = format!("{place}.{name}");
         let Some(index) = index.as_u64().and_then(|it| usize::try_from(it).ok()) else {
             return Err(malformed(place, "an accessor's index", index));

@@ -20,6 +20,28 @@ pub struct OpenOptions {
     /// A mesh whose arrays might take more bytes than this, normals included, stays in its file. `.glb`, `.gltf`, binary
     /// `.stl` and binary `.ply` allow that; from `.obj` and from text everything is loaded.
     pub max_mesh_bytes: u64,
+    /// Nothing but the file itself is opened. References to other files are refused for geometry,
+    /// and left out with a warning for images and material libraries; whether such a file exists is
+    /// not looked at.
+    pub self_contained: bool,
+    /// Most pixels of an image; one with more is left out with a warning. All images may have 16
+    /// times as many, or 64 for each of their bytes.
+    pub max_image_pixels: u64,
+    /// Refuse what would take more memory than this, whatever is read in pieces.
+    pub memory_limit_bytes: Option<u64>,
+}
+
+/// [`OpenOptions::max_image_pixels`] by default: those of 16,384 x 16,384.
+pub const MAX_IMAGE_PIXELS: u64 = 1 << 28;
+
+impl OpenOptions {
+    /// Meshes of more bytes stay in their files; all else as by default.
+    pub fn with_max_mesh_bytes(max_mesh_bytes: u64) -> Self {
+        Self {
+            max_mesh_bytes,
+            ..Self::default()
+        }
+    }
 }
 
 impl Default for OpenOptions {
@@ -27,6 +49,9 @@ impl Default for OpenOptions {
     fn default() -> Self {
         Self {
             max_mesh_bytes: u64::MAX,
+            self_contained: false,
+            max_image_pixels: MAX_IMAGE_PIXELS,
+            memory_limit_bytes: None,
         }
     }
 }

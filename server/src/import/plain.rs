@@ -80,6 +80,25 @@ pub(super) fn check_triangle_count(count: u64, place: &str) -> Read<()> {
     }
 }
 
+/// Triangles or lines between two looks at the memory that they take.
+pub(super) const BETWEEN_LOOKS: usize = 1 << 12;
+
+/// Bytes that a mesh of a text takes while it is completed, beside what was read of it: its arrays,
+/// the faces around each position, and normals (measured: `server/tests/import_bombs.rs`).
+pub(super) fn completing_bytes(vertices: u64, triangles: u64) -> u64 {
+    const VERTEX_BYTES: u64 = 96;
+    const TRIANGLE_BYTES: u64 = 112;
+    let vertices = vertices.saturating_mul(VERTEX_BYTES);
+    vertices.saturating_add(triangles.saturating_mul(TRIANGLE_BYTES))
+}
+
+/// Bytes of a hash table from positions or corners to numbers.
+pub(super) fn table_bytes(capacity: usize) -> u64 {
+    const ENTRY_BYTES: u64 = 17;
+    // One place in eight stays free.
+    capacity as u64 * ENTRY_BYTES * 8 / 7
+}
+
 /// Drops vertices that no triangle uses, where there are any; the others keep their order.
 pub(super) fn drop_unused(mesh: &mut Mesh) {
     let mut in_use = vec![false; mesh.positions.len()];

@@ -9,7 +9,7 @@ use gltf::json::validation::Checked;
 use super::Document;
 use super::accessor::{Accessor, Component};
 use super::buffers::out_of_range;
-use super::error::{Read, malformed};
+use super::error::{Read, malformed, short};
 use super::features;
 use super::materials;
 use super::warnings::Warnings;
@@ -197,7 +197,7 @@ fn read_source(
     };
     let count = count_of(position.value(), &format!("{place}.attributes.POSITION"))?;
     for (semantic, index) in &primitive.attributes {
-        let name = semantic.to_string();
+        let name = short(&semantic.to_string());
         let attribute = format!("{place}.attributes.{name}");
         let found = count_of(index.value(), &attribute)?;
         if found != count {

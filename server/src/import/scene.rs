@@ -3,6 +3,16 @@
 
 use glam::DAffine3;
 
+/// A name of the file's, cut where it is longer than any name should be: names are published and
+/// quoted.
+pub(super) fn short_name(name: &str) -> String {
+    const MOST_CHARS: usize = 256;
+    match name.char_indices().nth(MOST_CHARS) {
+        None => name.to_owned(),
+        Some((end, _)) => format!("{}…", &name[..end]),
+    }
+}
+
 /// A whole file: meshes once, and where they stand.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportedScene {

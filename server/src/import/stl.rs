@@ -5,6 +5,7 @@
 
 use std::io::BufRead as _;
 
+use super::allowance::Allowance;
 use super::attributes::Present;
 use super::error::{Read, cannot_read, malformed};
 use super::file::{Extent, Reader};
@@ -51,10 +52,15 @@ fn binary_bytes(count: u32) -> u64 {
 }
 
 /// Reads the STL in `file`.
-pub(super) fn read(file: &Extent, name: &str, options: &OpenOptions) -> Read<OpenedScene> {
+pub(super) fn read(
+    file: &Extent,
+    allowance: &Allowance,
+    name: &str,
+    options: &OpenOptions,
+) -> Read<OpenedScene> {
     let mut warnings = Warnings::default();
     if !is_binary(file)? && looks_like_text(&file.head(WORD_BYTES)?) {
-        let (mesh, listed) = read_text(file, &mut warnings)?;
+        let (mesh, listed) = read_text(file, allowance, &mut warnings)?;
         return Ok(loaded(name, mesh, listed, warnings));
     }
     let Some(count) = facet_count(file)? else {
@@ -194,6 +200,16 @@ impl Corners {
         Ok(())
     }
 
+    /// Bytes that are held, and those that the mesh of it takes.
+    fn held_bytes(&self) -> u64 {
+        let triangles = self.triangles.capacity() * size_of::<[u32; 3]>();
+        let completing = plain::completing_bytes(
+            self.weld.positions.len() as u64,
+            self.triangles.len() as u64,
+        );
+        triangles as u64 + self.weld.held_bytes() + completing
+    }
+
     fn into_mesh(mut self, place: &str, warnings: &mut Warnings) -> Mesh {
         plain::drop_repeated(&mut self.triangles, place, warnings);
         let mut mesh = Mesh {
@@ -285,7 +301,7 @@ impl Words {
 }
 
 /// `solid NAME`, facets of three corners, `endsolid NAME`; several solids become one mesh.
-fn read_text(file: &Extent, warnings: &mut Warnings) -> Read<(Mesh, u64)> {
+fn read_text(file: &Extent, allowance: &Allowance, warnings: &mut Warnings) -> Read<(Mesh, u64)> {
     let mut words = Words {
         reader: file.reader(0),
         line: 1,
@@ -320,8 +336,12 @@ fn read_text(file: &Extent, warnings: &mut Warnings) -> Read<(Mesh, u64)> {
             let line = words.line;
             corners.push(positions, || format!("facet that ends at line {line}"))?;
             plain::check_triangle_count(corners.triangles.len() as u64, "facets")?;
+            if corners.triangles.len().is_multiple_of(plain::BETWEEN_LOOKS) {
+                allowance.fits(corners.held_bytes(), format!("line {line}"))?;
+            }
         }
     }
+    allowance.fits(corners.held_bytes(), "file")?;
     let listed = corners.triangles.len() as u64;
     Ok((corners.into_mesh("file", warnings), listed))
 }

@@ -2,7 +2,11 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use super::error::{Read, cannot_read, malformed};
+use super::error::{Fault, Read, cannot_read, malformed, quoted};
+
+const DATA: &str = "data:";
+/// No system has longer paths; percent-encoding makes three bytes of one.
+const MOST_NAME_BYTES: usize = 3 * 4096;
 
 /// What a URI stands for.
 #[derive(Debug, PartialEq)]
@@ -17,8 +21,11 @@ pub(super) enum Target {
 ///
 /// Refuses schemes other than `data:`, absolute paths, `..`, and links that lead out of `folder`.
 pub(super) fn resolve(uri: &str, folder: &Path, place: &str) -> Read<Target> {
-    if let Some(rest) = strip_prefix_ignoring_case(uri, "data:") {
+    if let Some(rest) = strip_prefix_ignoring_case(uri, DATA) {
         return decode_data(rest, place).map(Target::Data);
+    }
+    if uri.len() > MOST_NAME_BYTES {
+        return Err(too_long(uri, place));
     }
     if let Some(scheme) = scheme(uri) {
         let found = format!("the scheme {scheme}:");
@@ -26,38 +33,52 @@ pub(super) fn resolve(uri: &str, folder: &Path, place: &str) -> Read<Target> {
     }
     let name = percent_decode(uri.as_bytes())
         .and_then(|bytes| String::from_utf8(bytes).ok())
-        .ok_or_else(|| malformed(place, "percent-encoded UTF-8", uri))?;
+        .ok_or_else(|| malformed(place, "percent-encoded UTF-8", quoted(uri)))?;
     if name.chars().any(char::is_control) {
         return Err(malformed(place, "a file name", "a control character"));
     }
     file_below(&name, folder, place).map(Target::File)
 }
 
+fn too_long(name: &str, place: &str) -> Fault {
+    let expected = format!("a file name of {MOST_NAME_BYTES} bytes at most");
+    malformed(place, expected, quoted(name))
+}
+
+/// Whether `uri` is inline data.
+pub(super) fn is_data(uri: &str) -> bool {
+    strip_prefix_ignoring_case(uri, DATA).is_some()
+}
+
 /// The existing file `name`, a path relative to `folder`, links resolved; the same refusals as [`resolve`].
 pub(super) fn file_below(name: &str, folder: &Path, place: &str) -> Read<PathBuf> {
+    if name.len() > MOST_NAME_BYTES {
+        return Err(too_long(name, place));
+    }
     let inside = |component| matches!(component, Component::Normal(_) | Component::CurDir);
     // A backslash separates on Windows only; refusing it everywhere keeps a file's meaning the same everywhere.
     if name.is_empty() || name.contains('\\') || !Path::new(name).components().all(inside) {
         return Err(malformed(
             place,
             "a relative path below the model's folder",
-            name,
+            quoted(name),
         ));
     }
-    let path = folder.join(name);
-    let real = path
+    // The reference as written: where the folder lies is for the caller to tell.
+    let real = folder
+        .join(name)
         .canonicalize()
-        .map_err(|cause| cannot_read(place, &path, &cause))?;
+        .map_err(|cause| cannot_read(place, Path::new(name), &cause))?;
     let real_folder = folder
         .canonicalize()
         .map_err(|cause| cannot_read(place, folder, &cause))?;
     if !real.starts_with(&real_folder) {
-        let found = format!("a link from {name} to elsewhere");
+        let found = format!("a link from {} to elsewhere", quoted(name));
         return Err(malformed(place, "a file below the model's folder", found));
     }
     // A named pipe would block, a device would never end.
     if !real.is_file() {
-        return Err(malformed(place, "a regular file", name));
+        return Err(malformed(place, "a regular file", quoted(name)));
     }
     Ok(real)
 }

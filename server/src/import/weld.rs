@@ -4,6 +4,8 @@ use std::collections::HashMap;
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 
+use super::plain;
+
 /// Vertices by position, bit for bit, in the order of first use.
 pub(super) struct Weld {
     number_of: HashMap<[u32; 3], u32, Seeded>,
@@ -17,6 +19,12 @@ impl Weld {
             number_of: HashMap::with_capacity_and_hasher(vertices, Seeded::new()),
             positions: Vec::with_capacity(vertices),
         }
+    }
+
+    /// Bytes that are held.
+    pub(super) fn held_bytes(&self) -> u64 {
+        let positions = self.positions.capacity() * size_of::<[f32; 3]>();
+        positions as u64 + plain::table_bytes(self.number_of.capacity())
     }
 
     /// The vertex at `position`; -0 becomes 0. Fewer than 2^32 vertices.

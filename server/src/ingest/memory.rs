@@ -35,6 +35,11 @@ pub(super) fn most_mesh_bytes(limit: Option<u64>) -> u64 {
     limit.map_or(u64::MAX, |limit| limit / MESH_SHARE)
 }
 
+/// The limit whose [`most_mesh_bytes`] these are: which meshes are loaded hangs on it.
+pub(super) fn limit_of(mesh_bytes: u64) -> Option<u64> {
+    (mesh_bytes < u64::MAX).then(|| mesh_bytes.saturating_mul(MESH_SHARE))
+}
+
 /// Refuses text files whose import alone would not fit.
 pub(super) fn check_inputs(inputs: &[PathBuf], limit: Option<u64>) -> Result<(), IngestError> {
     for input in inputs {

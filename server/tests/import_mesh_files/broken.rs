@@ -187,7 +187,7 @@ fn no_cut_or_flipped_byte_panics() {
         ("e.stl", binary_stl("solid", &square_corners()), true),
         ("f.stl", text_stl().into_bytes(), false),
     ];
-    let streaming = OpenOptions { max_mesh_bytes: 0 };
+    let streaming = OpenOptions::with_max_mesh_bytes(0);
     for (name, whole, binary) in files {
         let path = folder.path().join(name);
         let answer = |bytes: &[u8]| {

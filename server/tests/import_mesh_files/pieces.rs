@@ -60,9 +60,7 @@ fn large_mesh_files_are_read_in_pieces() {
     std::fs::write(&stl, binary_stl("grid", &corners(&whole))).unwrap();
     for path in [ply, stl] {
         let whole = import(&path).unwrap();
-        let options = OpenOptions {
-            max_mesh_bytes: 1 << 20,
-        };
+        let options = OpenOptions::with_max_mesh_bytes(1 << 20);
         let opened = open(&path, &options).unwrap();
         let OpenedMesh::Streamed(mesh) = &opened.meshes[0] else {
             panic!("{} is loaded", path.display());

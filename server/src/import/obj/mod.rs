@@ -4,15 +4,15 @@
 //! Texture coordinates run bottom-up in these files and top-down in the scene, so `v` becomes `1 - v`. Colours behind a
 //! position (`v x y z r g b`) are sRGB by the programs' habit and become linear.
 
+mod lines;
 mod mtl;
 
 use std::collections::HashMap;
-use std::io::{BufRead as _, Read as _};
 use std::ops::Range;
-use std::path::Path;
 
+use super::allowance::Allowance;
 use super::color::linear_from_srgb;
-use super::error::{Fault, Read, cannot_read, malformed};
+use super::error::{Fault, Read, malformed, quoted_bytes};
 use super::file::Extent;
 use super::opened::{OpenedMesh, OpenedScene};
 use super::scene::Mesh;
@@ -21,8 +21,6 @@ use super::weld::Seeded;
 use super::{attributes, complete, plain};
 use mtl::Library;
 
-/// The longest line, continuations included: a polygon of a million corners.
-const LINE_BYTES: u64 = 1 << 25;
 /// Stands for an index that a corner does not give.
 const NONE: u32 = u32::MAX;
 
@@ -36,11 +34,11 @@ pub(super) fn looks_like_text(head: &[u8]) -> bool {
     keyword.is_some_and(|keyword| STARTS.contains(&keyword))
 }
 
-/// Reads the OBJ in `file`; its material libraries and textures must lie in `folder`.
-pub(super) fn read(file: &Extent, folder: &Path, name: &str) -> Read<OpenedScene> {
+/// Reads the OBJ in `file`, with its material libraries and textures.
+pub(super) fn read(file: &Extent, allowance: &Allowance, name: &str) -> Read<OpenedScene> {
     let mut warnings = Warnings::default();
     let mut parser = Parser::new();
-    parser.run(file, folder, &mut warnings)?;
+    parser.run(file, allowance, &mut warnings)?;
     parser.check_indices()?;
     let listed = parser.triangles.len() as u64;
     let library = std::mem::take(&mut parser.library);
@@ -51,7 +49,7 @@ pub(super) fn read(file: &Extent, folder: &Path, name: &str) -> Read<OpenedScene
     }
     mesh.name = name.to_owned();
     let textured = mesh.uvs.is_some();
-    let (materials, images) = library.materials(&names, folder, textured, &mut warnings)?;
+    let (materials, images) = library.materials(&names, allowance, textured, &mut warnings)?;
     mesh.material_slots = (0..materials.len() as u32).collect();
     let mesh = Some(OpenedMesh::Loaded(mesh));
     Ok(plain::scene(
@@ -85,6 +83,8 @@ struct Parser {
     /// Corners of the polygon at hand.
     polygon: Vec<[u32; 3]>,
     uvs_replaced: u64,
+    /// Of the materials' names, wherever they are held.
+    name_bytes: u64,
 }
 
 impl Parser {
@@ -108,39 +108,8 @@ impl Parser {
             slot: None,
             polygon: Vec::new(),
             uvs_replaced: 0,
+            name_bytes: 0,
         }
-    }
-
-    fn run(&mut self, file: &Extent, folder: &Path, warnings: &mut Warnings) -> Read<()> {
-        let mut reader = file.reader(0);
-        let mut line = Vec::new();
-        loop {
-            line.clear();
-            loop {
-                let least = line.len();
-                let limit = LINE_BYTES - least as u64;
-                let read = (&mut reader).take(limit).read_until(b'\n', &mut line);
-                read.map_err(|cause| cannot_read(self.place(), Path::new("file"), &cause))?;
-                self.line += u64::from(line.len() > least);
-                if line.len() as u64 >= LINE_BYTES {
-                    let expected = format!("a line below {LINE_BYTES} bytes");
-                    return Err(malformed(self.place(), expected, "a longer one"));
-                }
-                let text = line.trim_ascii_end();
-                if line.len() == least || !text.ends_with(b"\\") {
-                    break;
-                }
-                let length = text.len() - 1;
-                line.truncate(length);
-                line.push(b' ');
-            }
-            if line.is_empty() {
-                break;
-            }
-            self.statement(line.trim_ascii(), folder, warnings)?;
-        }
-        warnings.add(attributes::REPLACED_UVS, self.uvs_replaced, "file");
-        Ok(())
     }
 
     fn place(&self) -> String {
@@ -148,14 +117,15 @@ impl Parser {
     }
 
     fn expected(&self, expected: &str, found: &[u8]) -> Fault {
-        malformed(
-            self.place(),
-            expected,
-            format!("\"{}\"", found.escape_ascii()),
-        )
+        malformed(self.place(), expected, quoted_bytes(found))
     }
 
-    fn statement(&mut self, line: &[u8], folder: &Path, warnings: &mut Warnings) -> Read<()> {
+    fn statement(
+        &mut self,
+        line: &[u8],
+        allowance: &Allowance,
+        warnings: &mut Warnings,
+    ) -> Read<()> {
         let length = line.iter().position(u8::is_ascii_whitespace);
         let (keyword, rest) = line.split_at(length.unwrap_or(line.len()));
         let rest = rest.trim_ascii();
@@ -180,14 +150,18 @@ impl Parser {
                 let normal = attributes::unit_normal(numbers.map(f64::from), &mut 0);
                 self.normals.push(normal);
             }
-            b"f" | b"fo" => self.face(rest, warnings)?,
+            b"f" | b"fo" => {
+                self.look_ahead(rest, allowance)?;
+                self.face(rest, warnings)?;
+            }
             b"usemtl" => {
                 self.material = Some(String::from_utf8_lossy(rest).into_owned());
                 self.slot = None;
             }
             b"mtllib" => {
                 let names = String::from_utf8_lossy(rest).into_owned();
-                self.library.load(&names, folder, &self.place(), warnings)?;
+                self.library
+                    .load(&names, allowance, &self.place(), warnings)?;
             }
             b"l" => warnings.add("lines left out", 1, &self.place()),
             b"p" => warnings.add("points left out", 1, &self.place()),
@@ -351,6 +325,8 @@ impl Parser {
             .or_insert(next);
         if slot == next {
             self.material_names.push(self.material.clone());
+            let length = self.material.as_ref().map_or(0, String::len) as u64;
+            self.name_bytes += 3 * length;
         }
         self.slot = Some(slot);
         Ok(slot)
@@ -372,6 +348,7 @@ impl Parser {
     }
 
     fn into_mesh(mut self, warnings: &mut Warnings) -> Mesh {
+        self.vertex_of_corner = HashMap::with_hasher(Seeded::new());
         self.drop_repeated(warnings);
         let all = |kind: usize| self.vertices.iter().all(|it| it[kind] == NONE);
         let (no_uvs, no_normals) = (all(1), all(2));

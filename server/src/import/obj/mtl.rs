@@ -1,21 +1,37 @@
 //! MTL: the material library beside an OBJ. Diffuse and emitted colour, opacity, the diffuse texture, and the
 //! metallic-roughness numbers that newer programs add. Colours are read as sRGB, as those of the vertices.
 
-use std::collections::HashMap;
-use std::path::Path;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
 
+use crate::import::allowance::Allowance;
 use crate::import::color::linear_from_srgb;
-use crate::import::error::{Fault, Read, cannot_read, malformed};
-use crate::import::images;
-use crate::import::scene::{AlphaMode, Image, Material, SamplerWrap};
+use crate::import::error::{Read, malformed, quoted, short};
+use crate::import::images::Gauge;
+use crate::import::plain;
+use crate::import::scene::{AlphaMode, Image, Material, SamplerWrap, short_name};
 use crate::import::warnings::Warnings;
-use crate::import::{plain, uri};
 
 /// Materials by name, from all libraries that a file names; the first of a name counts.
 #[derive(Default)]
 pub(super) struct Library {
     known: HashMap<String, Entry>,
+    /// Files that were read.
+    loaded: HashSet<PathBuf>,
+    looked_for: usize,
 }
+
+/// Files that are looked for in a model; more would cost much and say little.
+const MOST_LIBRARIES: usize = 1024;
+/// Materials that are kept of all libraries; a mesh uses a quarter of them at most.
+const MOST_MATERIALS: usize = 1 << 18;
+/// Textures that are left out by name; the name of any other may be text of a file that is no
+/// library.
+const LEFT_OUT: &[&str] = &[
+    "map_Ka", "map_Ks", "map_Ns", "map_Ni", "map_d", "map_Tr", "map_Ke", "map_Kt", "map_Kn",
+    "map_Bump", "map_bump", "map_Pr", "map_Pm", "map_Ps", "map_refl", "map_disp", "map_aat",
+    "bump", "norm", "disp", "decal", "refl",
+];
 
 #[derive(Clone)]
 struct Entry {
@@ -34,33 +50,77 @@ impl Library {
     pub(super) fn load(
         &mut self,
         names: &str,
-        folder: &Path,
+        allowance: &Allowance,
         place: &str,
         warnings: &mut Warnings,
     ) -> Read<()> {
-        let find = |name: &str| uri::file_below(&name.replace('\\', "/"), folder, place);
-        let mut files = vec![find(names)];
-        if files[0].is_err() && names.contains(char::is_whitespace) {
-            files = names.split_whitespace().map(find).collect();
+        if allowance.is_self_contained() {
+            let what = "material libraries left out (--self-contained)";
+            warnings.add(what, 1, &format!("{place} {}", quoted(names)));
+            return Ok(());
         }
-        for file in files {
-            let read = |path: std::path::PathBuf| {
-                let bytes =
-                    std::fs::read(&path).map_err(|cause| cannot_read(place, &path, &cause))?;
-                let name = path.file_name().unwrap_or_default().to_string_lossy();
-                Ok::<_, Fault>((
-                    String::from_utf8_lossy(&bytes).into_owned(),
-                    name.into_owned(),
-                ))
-            };
-            match file.and_then(read) {
-                Ok((text, name)) => self.parse(&text, &name, warnings)?,
-                Err(fault) => {
-                    warnings.add(format!("material libraries left out ({fault})"), 1, place);
-                }
+        if !names.contains(char::is_whitespace) {
+            return self.load_one(names, allowance, place, warnings);
+        }
+        match self.find(names, allowance, place) {
+            Ok(path) => self.load_file(&path, names, allowance, place, warnings),
+            Err(_) => names
+                .split_whitespace()
+                .take(MOST_LIBRARIES + 1)
+                .try_for_each(|name| self.load_one(name, allowance, place, warnings)),
+        }
+    }
+
+    fn find(&mut self, name: &str, allowance: &Allowance, place: &str) -> Read<PathBuf> {
+        self.looked_for += 1;
+        allowance.file(&name.replace('\\', "/"), place)
+    }
+
+    fn load_one(
+        &mut self,
+        name: &str,
+        allowance: &Allowance,
+        place: &str,
+        warnings: &mut Warnings,
+    ) -> Read<()> {
+        if self.looked_for >= MOST_LIBRARIES {
+            let what = format!("material libraries beyond the first {MOST_LIBRARIES} left out");
+            warnings.add(what, 1, place);
+            return Ok(());
+        }
+        match self.find(name, allowance, place) {
+            Ok(path) => self.load_file(&path, name, allowance, place, warnings),
+            Err(fault) => {
+                warnings.add(format!("material libraries left out ({fault})"), 1, place);
+                Ok(())
             }
         }
-        Ok(())
+    }
+
+    fn load_file(
+        &mut self,
+        path: &Path,
+        name: &str,
+        allowance: &Allowance,
+        place: &str,
+        warnings: &mut Warnings,
+    ) -> Read<()> {
+        // The first of a name counts, so that a library says nothing new the second time.
+        if !self.loaded.insert(path.to_owned()) {
+            return Ok(());
+        }
+        match allowance.read(path, name, place) {
+            Ok(bytes) => {
+                // The text and what it says.
+                allowance.fits(3 * bytes.len() as u64, place)?;
+                let file = name.rsplit(['/', '\\']).next().unwrap_or(name);
+                self.parse(&String::from_utf8_lossy(&bytes), file, warnings)
+            }
+            Err(fault) => {
+                warnings.add(format!("material libraries left out ({fault})"), 1, place);
+                Ok(())
+            }
+        }
     }
 
     fn parse(&mut self, text: &str, file: &str, warnings: &mut Warnings) -> Read<()> {
@@ -73,7 +133,7 @@ impl Library {
             if keyword == "newmtl" {
                 self.keep(current.take());
                 let material = Material {
-                    name: rest.to_owned(),
+                    name: short_name(rest),
                     ..plain::material()
                 };
                 let entry = Entry {
@@ -93,7 +153,9 @@ impl Library {
     }
 
     fn keep(&mut self, entry: Option<(String, Entry)>) {
-        if let Some((name, entry)) = entry {
+        if let Some((name, entry)) = entry
+            && self.known.len() < MOST_MATERIALS
+        {
             self.known.entry(name).or_insert(entry);
         }
     }
@@ -102,10 +164,11 @@ impl Library {
     pub(super) fn materials(
         &self,
         names: &[Option<String>],
-        folder: &Path,
+        allowance: &Allowance,
         textured: bool,
         warnings: &mut Warnings,
     ) -> Read<(Vec<Material>, Vec<Image>)> {
+        let mut gauge = Gauge::new(allowance);
         let mut images = Vec::new();
         let mut image_of_name: HashMap<&str, Option<u32>> = HashMap::new();
         let mut materials = Vec::with_capacity(names.len());
@@ -116,9 +179,9 @@ impl Library {
             };
             let Some(entry) = self.known.get(name) else {
                 let what = "materials that no library defines read as plain";
-                warnings.add(what, 1, &format!("usemtl {name}"));
+                warnings.add(what, 1, &format!("usemtl {}", short(name)));
                 materials.push(Material {
-                    name: name.clone(),
+                    name: short_name(name),
                     ..plain::material()
                 });
                 continue;
@@ -131,7 +194,7 @@ impl Library {
                 } else if let Some(known) = image_of_name.get(&*texture.name) {
                     material.base_color_image = *known;
                 } else {
-                    let image = images::beside(&texture.name, folder, &texture.place, warnings)?;
+                    let image = gauge.beside(&texture.name, &texture.place, warnings)?;
                     let number = image.is_some().then_some(images.len() as u32);
                     images.extend(image);
                     image_of_name.insert(&texture.name, number);
@@ -189,10 +252,11 @@ impl Entry {
                     place: place.to_owned(),
                 });
             }
-            _ if keyword.starts_with("map_")
-                || matches!(keyword, "bump" | "norm" | "disp" | "decal" | "refl") =>
-            {
+            _ if LEFT_OUT.contains(&keyword) => {
                 warnings.add(format!("{keyword} left out"), 1, place);
+            }
+            _ if keyword.starts_with("map_") => {
+                warnings.add("textures of unknown kinds left out", 1, place);
             }
             // Ka, Ks, Ns, Ni, illum and the like: no part of the metallic-roughness model.
             _ => {}
@@ -204,7 +268,13 @@ impl Entry {
 fn number(text: &str, place: &str) -> Read<f32> {
     let word = text.split_whitespace().next().unwrap_or_default();
     let number = word.parse::<f32>().ok().filter(|it| it.is_finite());
-    number.ok_or_else(|| malformed(place, "a number", format!("\"{word}\"")))
+    // Not quoted: the file may be anything that the model names.
+    let found = if word.is_empty() {
+        "nothing"
+    } else {
+        "another word"
+    };
+    number.ok_or_else(|| malformed(place, "a number", found))
 }
 
 /// Linear RGB; one number stands for all three. `None` for the forms that are no RGB.

@@ -5,6 +5,9 @@ use super::values::Values;
 use crate::import::error::{Fault, Read, malformed};
 use crate::import::warnings::Warnings;
 
+/// Most corners of a face: a piece that begins inside one reads it from its start.
+const MOST_CORNERS: u64 = 1 << 22;
+
 /// How a face stands in the body.
 #[derive(Clone)]
 pub(super) struct FaceLayout {
@@ -142,6 +145,10 @@ impl FaceLayout {
     ) -> Read<()> {
         let (mut first, mut last) = (0, 0);
         for corner in 0..length {
+            if corner == MOST_CORNERS {
+                let expected = format!("{MOST_CORNERS} corners at most");
+                return Err(malformed(format!("face {face}"), expected, length));
+            }
             let index = values.scalar(item)?;
             if !(index >= 0.0 && index < self.vertex_count as f64 && index.fract() == 0.0) {
                 return Err(self.out_of_range(face, index));

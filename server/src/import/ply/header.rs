@@ -5,6 +5,8 @@ use crate::import::file::Extent;
 
 /// Longer headers are refused; real ones take a few hundred bytes.
 const MOST_BYTES: u64 = 1 << 20;
+/// Kinds of elements; real files have two to five.
+const MOST_ELEMENTS: usize = 256;
 
 pub(super) struct Header {
     pub(super) encoding: Encoding,
@@ -188,6 +190,13 @@ pub(super) fn parse(file: &Extent) -> Read<Header> {
                 };
                 if header.elements.iter().any(|it| it.name == name) {
                     return Err(malformed(place, "each element once", name));
+                }
+                if header.elements.len() >= MOST_ELEMENTS {
+                    return Err(malformed(
+                        place,
+                        format!("{MOST_ELEMENTS} elements at most"),
+                        name,
+                    ));
                 }
                 header.elements.push(Element {
                     name: name.to_owned(),

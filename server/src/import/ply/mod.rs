@@ -8,12 +8,11 @@ mod header;
 mod values;
 mod vertices;
 
-use std::path::Path;
-
+use super::allowance::Allowance;
 use super::attributes::Present;
 use super::error::{Read, malformed};
 use super::file::Extent;
-use super::images;
+use super::images::Gauge;
 use super::opened::{
     OpenOptions, OpenedMesh, OpenedScene, PIECE_TRIANGLES, Piece, Pieces, StreamedMesh, array_bytes,
 };
@@ -26,23 +25,36 @@ use header::{Element, Encoding, Header};
 use values::Values;
 use vertices::{Columns, Table};
 
+/// Bytes of a triangle and its material in a mesh.
+const TRIANGLE_BYTES: u64 = 14;
+
 /// Whether the file starts as a PLY does.
 pub(super) fn is_ply(head: &[u8]) -> bool {
     head.starts_with(b"ply\n") || head.starts_with(b"ply\r")
 }
 
-/// Reads the PLY in `file`; a texture that it names must lie in `folder`.
+/// Reads the PLY in `file`, with the texture that it names.
 pub(super) fn read(
     file: &Extent,
-    folder: &Path,
+    allowance: &Allowance,
     name: &str,
     options: &OpenOptions,
 ) -> Read<OpenedScene> {
     let mut warnings = Warnings::default();
     let header = header::parse(file)?;
-    let plan = Plan::new(&header, options, &mut warnings)?;
-    let body = read_body(file, &header, plan, &mut warnings)?;
-    let (materials, images) = materials(&header, &body, folder, &mut warnings)?;
+    let mut plan = Plan::new(&header, options, &mut warnings)?;
+    let before = warnings.clone();
+    let body = match read_body(file, &header, &plan, allowance, &mut warnings)? {
+        Some(body) => body,
+        None => {
+            // Polygons of many corners: the number of faces told little.
+            plan.streamed = true;
+            warnings = before;
+            let body = read_body(file, &header, &plan, allowance, &mut warnings)?;
+            body.ok_or_else(|| malformed("file", "the file as it was", "another"))?
+        }
+    };
+    let (materials, images) = materials(&header, &body, allowance, &mut warnings)?;
     let listed = body.triangle_count;
     if body.triangle_count == 0 {
         let points = body.vertex_count;
@@ -113,6 +125,10 @@ struct Plan {
     columns: Columns,
     vertex_count: u64,
     streamed: bool,
+    /// It can be, where it is not.
+    in_place: bool,
+    /// More triangles are not loaded, where they need not be.
+    most_triangles: u64,
 }
 
 impl Plan {
@@ -139,6 +155,8 @@ impl Plan {
             vertex_count: vertices.count,
             columns,
             streamed: large && in_place,
+            in_place,
+            most_triangles: (options.max_mesh_bytes / TRIANGLE_BYTES).max(faces),
         })
     }
 }
@@ -170,15 +188,28 @@ struct PieceStart {
 }
 
 /// Walks over all elements in the file's order, every one checked to its end.
-fn read_body(file: &Extent, header: &Header, plan: Plan, warnings: &mut Warnings) -> Read<Body> {
+/// `None` where there are more triangles than `plan` loads.
+fn read_body(
+    file: &Extent,
+    header: &Header,
+    plan: &Plan,
+    allowance: &Allowance,
+    warnings: &mut Warnings,
+) -> Read<Option<Body>> {
     let mut values = Values::new(file, header.encoding, header.body_offset);
     let present = plan.columns.present();
-    let mut columns = Some(plan.columns);
+    let mut columns = Some(plan.columns.clone());
     let mut table = None;
     let mut layout = None;
     let mut triangles = Vec::new();
     let mut pieces = Vec::new();
     let mut triangle_count = 0;
+    let mut next_look = plain::BETWEEN_LOOKS;
+    let held = |triangles: &Vec<[u32; 3]>| {
+        let list = (triangles.capacity() * size_of::<[u32; 3]>()) as u64;
+        let vertices = plan.vertex_count.min(3 * triangles.len() as u64);
+        list + plain::completing_bytes(vertices, triangles.len() as u64)
+    };
     for element in &header.elements {
         if element.name == "vertex"
             && let Some(columns) = columns.take()
@@ -188,7 +219,11 @@ fn read_body(file: &Extent, header: &Header, plan: Plan, warnings: &mut Warnings
                     let encoding = header.encoding;
                     Table::in_file(file, &mut values, columns, element.count, encoding)?
                 }
-                _ => Table::in_memory(&mut values, element, columns, header.encoding)?,
+                _ => {
+                    let bytes = Table::most_bytes(&values, element, &columns, header.encoding);
+                    allowance.take(bytes, "element vertex")?;
+                    Table::in_memory(&mut values, element, columns, header.encoding)?
+                }
             });
             continue;
         }
@@ -224,6 +259,16 @@ fn read_body(file: &Extent, header: &Header, plan: Plan, warnings: &mut Warnings
                 of_face += 1;
             })?);
             triangle_count += of_face;
+            if triangles.len() < next_look {
+                continue;
+            }
+            next_look = triangles.len() + plain::BETWEEN_LOOKS;
+            let need = held(&triangles);
+            let too_many = triangles.len() as u64 > plan.most_triangles;
+            if plan.in_place && (too_many || need > allowance.left_bytes()) {
+                return Ok(None);
+            }
+            allowance.fits(need, values.place())?;
         }
         warnings.add(
             "faces of fewer than three corners left out",
@@ -236,7 +281,7 @@ fn read_body(file: &Extent, header: &Header, plan: Plan, warnings: &mut Warnings
         _ => values.left(),
     };
     warnings.add("bytes after the last element left out", left, "file");
-    Ok(Body {
+    Ok(Some(Body {
         table: table.ok_or_else(|| malformed("header", "element vertex", "none"))?,
         present,
         vertex_count: plan.vertex_count,
@@ -245,7 +290,7 @@ fn read_body(file: &Extent, header: &Header, plan: Plan, warnings: &mut Warnings
             true => Triangles::InFile { layout, pieces },
         },
         triangle_count,
-    })
+    }))
 }
 
 /// Leaves out an element.
@@ -276,7 +321,7 @@ fn skip(values: &mut Values, element: &Element, encoding: Encoding) -> Read<()> 
 fn materials(
     header: &Header,
     body: &Body,
-    folder: &Path,
+    allowance: &Allowance,
     warnings: &mut Warnings,
 ) -> Read<(Vec<Material>, Vec<Image>)> {
     let mut material = plain::material();
@@ -285,7 +330,7 @@ fn materials(
     if let Some(name) = header.textures.first()
         && body.present.uvs
         && body.triangle_count > 0
-        && let Some(image) = images::beside(name, folder, place, warnings)?
+        && let Some(image) = Gauge::new(allowance).beside(name, place, warnings)?
     {
         material.base_color_image = Some(0);
         images.push(image);

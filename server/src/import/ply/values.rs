@@ -1,7 +1,7 @@
 //! Values: the body's numbers one after the other, from bytes or from text.
 
 use super::header::{Encoding, Scalar};
-use crate::import::error::{Fault, Read, malformed};
+use crate::import::error::{Fault, Read, malformed, quoted_bytes};
 use crate::import::file::Extent;
 
 const BUFFER_BYTES: usize = 1 << 18;
@@ -116,7 +116,7 @@ impl Values {
             .ok()
             .and_then(|it| it.parse().ok());
         let Some(number) = number else {
-            let found = format!("\"{}\"", word.escape_ascii());
+            let found = quoted_bytes(word);
             return Err(malformed(self.place(), "a number", found));
         };
         self.next += word.len();

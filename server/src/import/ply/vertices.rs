@@ -18,6 +18,7 @@ struct Column {
 }
 
 /// Where the attributes stand in a row.
+#[derive(Clone)]
 pub(super) struct Columns {
     position: [Column; 3],
     normal: Option<[Column; 3]>,
@@ -141,6 +142,18 @@ impl Table {
         }
     }
 
+    /// Bytes of [`Table::in_memory`]: what the file cannot hold is not made room for.
+    pub(super) fn most_bytes(
+        values: &Values,
+        element: &Element,
+        columns: &Columns,
+        encoding: Encoding,
+    ) -> u64 {
+        let least = element.least_row_bytes(encoding).max(1);
+        let rows = element.count.min(values.left() / least + 1);
+        rows.saturating_mul(columns.row_bytes as u64)
+    }
+
     /// Rows of text, or with lists between them, brought to such a table without the lists.
     pub(super) fn in_memory(
         values: &mut Values,
@@ -148,10 +161,8 @@ impl Table {
         columns: Columns,
         encoding: Encoding,
     ) -> Read<Self> {
-        let least = element.least_row_bytes(encoding).max(1);
-        // What the file cannot hold is not made room for.
-        let rows = element.count.min(values.left() / least + 1);
-        let mut bytes = Vec::with_capacity(rows as usize * columns.row_bytes);
+        let most = Self::most_bytes(values, element, &columns, encoding);
+        let mut bytes = Vec::with_capacity(most as usize);
         for _ in 0..element.count {
             for property in &element.properties {
                 match property.kind {

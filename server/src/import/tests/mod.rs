@@ -14,6 +14,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::OpenOptions;
+use super::allowance::Allowance;
 use super::error::Fault;
 use super::file::Extent;
 use super::scene::ImportedScene;
@@ -128,7 +129,8 @@ fn quad() -> File {
 fn read(bytes: &[u8]) -> Result<ImportedScene, Fault> {
     let file = Extent::memory(bytes.to_vec());
     let options = OpenOptions::default();
-    let scene = super::read_gltf(&file, Path::new("."), "test", &options)?;
+    let allowance = Allowance::new(Path::new("."), &options);
+    let scene = super::read_gltf(&file, &allowance, "test", &options)?;
     scene.into_imported().map_err(|error| error.fault)
 }
 

@@ -4,6 +4,8 @@ use serde_json::json;
 
 use super::File;
 use crate::import::Document;
+use crate::import::OpenOptions;
+use crate::import::allowance::Allowance;
 use crate::import::buffers::Buffers;
 use crate::import::file::Extent;
 use crate::import::warnings::Warnings;
@@ -24,10 +26,12 @@ fn ranges_of_lists_strips_and_fans_make_up_the_whole() {
             file.primitive(primitive);
 
             let mut warnings = Warnings::default();
-            let container = container::split(&Extent::memory(file.glb()), &mut warnings).unwrap();
-            let root = document_json::parse(&container.json).unwrap();
-            let folder = std::path::Path::new(".");
-            let buffers = Buffers::open(&root, container.bin.as_ref(), folder).unwrap();
+            let options = OpenOptions::default();
+            let allowance = Allowance::new(std::path::Path::new("."), &options);
+            let glb = Extent::memory(file.glb());
+            let container = container::split(&glb, &allowance, &mut warnings).unwrap();
+            let root = document_json::parse(&container.json, &allowance).unwrap();
+            let buffers = Buffers::open(&root, container.bin.as_ref(), &allowance).unwrap();
             let document = Document {
                 root: &root,
                 buffers: &buffers,
