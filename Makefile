@@ -24,7 +24,7 @@ test:
 
 # Every store passes the library's tests: also a server that speaks S3, which this starts.
 test-s3:
-	@.ci/s3 $(CARGO) test -p lodestream-server --test library --test library_copy
+	@.ci/s3 $(CARGO) test -p lodestream-server --test library --test library_copy --test library_repair --test library_mark
 
 # Page requests a second against nginx, which has to be installed.
 servers: build

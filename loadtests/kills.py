@@ -4,6 +4,7 @@
 A library with one scene that never changes and one that is ingested anew in four versions by turns, with what no scene needs any more
 collected in between. Each run is killed at a random time, half of them in its last third, where objects are stored and the name is
 switched. After each kill every scene must be there, the changed one in the version before or the new one, and `verify` must find nothing.
+The last gc sweeps every staged file that a kill left.
 
     kills.py SERVER_BINARY FOLDER [KILLS]
 """
@@ -79,7 +80,7 @@ def main() -> None:
     library.must("gc", "--grace-secs", "0")
     seconds["gc"] = time.monotonic() - start
     generator = random.Random(1)
-    kills, done, switched, version = {"ingest": 0, "gc": 0}, 0, 0, 3
+    kills, done, switched, version, most_staged = {"ingest": 0, "gc": 0}, 0, 0, 3, 0
     started = time.monotonic()
     while sum(kills.values()) < wanted:
         name = "gc" if generator.random() < 0.3 else "ingest"
@@ -108,14 +109,21 @@ def main() -> None:
         if references.get("edited") not in allowed:
             sys.exit(f"edited is {references.get('edited')}, expected one of {allowed}, after {kills}")
         switched += references["edited"] != before
+        most_staged = max(most_staged, len(list(library.path.rglob("*#*"))))
         verified = library.run("verify")
         if verified.returncode != 0:
             sys.exit(f"verify after {kills} ({name}):\n{verified.stdout}{verified.stderr}")
+    # Killed writers leave staged files; gc sweeps them.
+    staged = len(list(library.path.rglob("*#*")))
     left = library.run("gc", "--grace-secs", "0")
+    unswept = [str(file) for file in library.path.rglob("*#*")]
+    if unswept:
+        sys.exit(f"staged files after gc: {unswept}")
     library.must("verify")
-    strays = [str(file) for file in library.path.rglob("*") if file.is_file() and "objects" not in file.parts and "scenes" not in file.parts]
+    notes = [file for name in ("builds", "plans") for file in (library.path / name).rglob("*") if file.is_file()]
     print(f"kills: {kills['ingest']} of ingest, {kills['gc']} of gc; {done} runs came to their end; {switched} switched the scene")
-    print(f"scenes lost 0, half-visible 0, faults of verify 0 (after each), last gc exit {left.returncode}, notes left {len(strays)}")
+    print(f"scenes lost 0, half-visible 0, faults of verify 0 (after each), last gc exit {left.returncode}, notes left {len(notes)}")
+    print(f"staged files: {most_staged} at most after a kill, {staged} before the last gc, 0 after it")
     print(f"{time.monotonic() - started:.0f} s; an undisturbed ingest takes {seconds['ingest']:.2f} s, a gc {seconds['gc']:.2f} s")
     if left.returncode != 0:
         sys.exit(left.stderr)

@@ -139,7 +139,8 @@ fn compare_libraries(arguments: Libraries, common: &Common) -> Result<(), Comman
 
 fn measure_stored(arguments: &Measure, common: &Common) -> Result<(), CommandError> {
     let runtime = tokio::runtime::Runtime::new().map_err(CommandError::Threads)?;
-    let library = Library::open(&arguments.library).map_err(StoredError::from)?;
+    let library = runtime.block_on(Library::open_existing(&arguments.library));
+    let library = library.map_err(StoredError::from)?;
     let (largest, samples) = (arguments.largest, arguments.samples);
     let stored = stored::measure(&library, &arguments.scene, largest, samples);
     let stored = runtime.block_on(stored)?;

@@ -14,7 +14,7 @@ use lodestream_server::import::Mesh;
 use lodestream_server::ingest::{
     BUILDER_VERSION, IngestError, IngestOptions, IngestReport, ingest,
 };
-use lodestream_server::library::{Library, LibraryError};
+use lodestream_server::library::{Check, Library, LibraryError, Repaired};
 use support::binary::{command, json, ok, run, stderr, text};
 use support::bumps::{self, Bump, bump};
 use support::watched::Watched;
@@ -279,7 +279,7 @@ fn a_record_that_is_not_true_is_named_and_not_used() {
 }
 
 #[test]
-fn rebuild_builds_everything_and_mends() {
+fn a_flipped_pack_is_built_anew_and_rebuild_builds_everything() {
     let folder = tempfile::tempdir().unwrap();
     let input = bumps::write(folder.path(), "three", &THREE);
     let place = folder.path().join("library");
@@ -294,12 +294,23 @@ fn rebuild_builds_everything_and_mends() {
     let mut flipped = whole.clone();
     flipped[whole.len() / 2] ^= 1;
     std::fs::write(&pack, &flipped).unwrap();
-    // Only hashing all of a pack tells: that is for verify.
+    // Only hashing all of a pack tells.
+    options.check = Check::Length;
     assert_eq!(ingested(&library, &options).unwrap().0.built, 0);
     assert_eq!(
         run(&["verify", "--library", text(&place)]).status.code(),
         Some(1)
     );
+    options.check = Check::Hash;
+    let (report, again) = ingested(&library, &options).unwrap();
+    assert_eq!((report.built, report.reused, again), (1, 2, scene));
+    let repaired = Repaired {
+        objects: 1,
+        bytes: whole.len() as u64,
+    };
+    assert_eq!(report.repaired, repaired);
+    assert_eq!(std::fs::read(&pack).unwrap(), whole);
+    std::fs::write(&pack, &flipped).unwrap();
     options.rebuild = true;
     let (report, again) = ingested(&library, &options).unwrap();
     assert_eq!((report.built, report.reused, again), (3, 0, scene));
@@ -380,12 +391,9 @@ fn a_store_that_fails_to_read_ends_the_ingest() {
     // An error of the store is no missing record: building everything anew would hide it.
     let folder = tempfile::tempdir().unwrap();
     let input = bumps::write(folder.path(), "three", &THREE);
-    let place = folder.path().join("library");
-    let library = Library::open_or_create(text(&place)).unwrap();
+    let (store, library) = watched();
     ingested(&library, &options(&input)).unwrap();
-    let record = files(&place.join("builds")).remove(0);
-    std::fs::remove_file(&record).unwrap();
-    std::fs::create_dir(&record).unwrap();
+    store.fail_reads(true);
     let error = ingested(&library, &options(&input)).unwrap_err();
     let store = matches!(*error, IngestError::Library(LibraryError::Store { .. }));
     assert!(store, "{error}");

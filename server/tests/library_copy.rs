@@ -4,10 +4,17 @@
 
 mod support;
 
-use lodestream_server::library::Library;
+use lodestream_server::library::{CopyOptions, Library};
 use support::made;
 use support::stores::on_each_store;
 use support::watched::Watched;
+
+fn only(scene: &str) -> CopyOptions {
+    CopyOptions {
+        scenes: vec![scene.to_owned()],
+        ..CopyOptions::default()
+    }
+}
 
 /// Every kind of store as the target, and one that is interrupted after each of its writes.
 #[tokio::test]
@@ -21,7 +28,7 @@ async fn copies_send_what_is_missing_and_go_on_after_any_interruption() {
     let both = made::scene(&source, "two", &assets).await;
     let source = &source;
     on_each_store(|target| async move {
-        let done = target.copy_from(source, &["two".to_owned()]).await.unwrap();
+        let done = target.copy_from(source, &only("two")).await.unwrap();
         // Scene, and asset, pack and hierarchy of each.
         assert_eq!(
             (done.scenes, done.published, done.objects, done.copied),
@@ -31,15 +38,21 @@ async fn copies_send_what_is_missing_and_go_on_after_any_interruption() {
         for hash in target.reach(&both).await.unwrap().objects() {
             target.check_object(hash).await.unwrap();
         }
-        let done = target.copy_from(source, &[]).await.unwrap();
+        let done = target
+            .copy_from(source, &CopyOptions::default())
+            .await
+            .unwrap();
         // The other scene's asset was there.
         assert_eq!(
             (done.scenes, done.published, done.objects, done.copied),
             (2, 1, 11, 1)
         );
-        let done = target.copy_from(source, &[]).await.unwrap();
+        let done = target
+            .copy_from(source, &CopyOptions::default())
+            .await
+            .unwrap();
         assert_eq!((done.published, done.copied, done.copied_bytes), (0, 0, 0));
-        let unknown = target.copy_from(source, &["three".to_owned()]).await;
+        let unknown = target.copy_from(source, &only("three")).await;
         assert!(unknown.unwrap_err().to_string().contains("three"));
     })
     .await;
@@ -49,7 +62,7 @@ async fn copies_send_what_is_missing_and_go_on_after_any_interruption() {
     let target = Library::over(store.clone(), "watched");
     for writes in 0.. {
         store.fail_after(writes % 3 + 1);
-        let done = target.copy_from(source, &[]).await;
+        let done = target.copy_from(source, &CopyOptions::default()).await;
         store.fail_after(i64::MAX);
         // What is named is whole, whatever happened.
         for name in target.scene_names(None, 9).await.unwrap() {
@@ -81,7 +94,7 @@ async fn a_damaged_object_is_not_copied() {
     std::fs::write(&pack, bytes).unwrap();
     let target = Library::open("memory://").unwrap();
     let error = target
-        .copy_from(&source, &[])
+        .copy_from(&source, &CopyOptions::default())
         .await
         .unwrap_err()
         .to_string();

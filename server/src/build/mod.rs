@@ -53,7 +53,7 @@ use survey::Survey;
 use vertex::Grids;
 
 pub use error::BuildError;
-pub use pack::Pack;
+pub use pack::{Pack, PackFile};
 pub use report::{BuildBytes, BuildReport, BuildSeconds, LevelRow};
 pub use simplify::Placement;
 pub use steps::PositionStep;

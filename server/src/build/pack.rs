@@ -2,22 +2,33 @@
 
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use lodestream_format::ContentHash;
 use lodestream_format::hash::ContentHasher;
 
 use super::error::BuildError;
+use super::store::read_at;
 
 /// The frames of all pages.
 #[derive(Debug)]
 pub enum Pack {
     /// In memory.
     Memory(Frames),
-    /// In a file that goes when this does.
-    File(tempfile::NamedTempFile),
+    /// In a file.
+    File(PackFile),
+}
+
+/// An unnamed file: the system removes it when the process ends, however it ends.
+#[derive(Debug)]
+pub struct PackFile {
+    /// The frames.
+    pub file: Arc<File>,
+    /// Its folder, for messages.
+    pub folder: PathBuf,
 }
 
 /// Frames that lie apart: each takes the room of clusters that it lets go of, where one long run would need its own.
@@ -64,10 +75,8 @@ impl Pack {
                 .read(range)
                 .ok_or_else(|| std::io::ErrorKind::UnexpectedEof.into()),
             Self::File(file) => {
-                let mut file = File::open(file.path())?;
-                file.seek(SeekFrom::Start(range.start))?;
                 let mut bytes = vec![0; (range.end - range.start) as usize];
-                file.read_exact(&mut bytes)?;
+                read_at(&file.file, &mut bytes, range.start)?;
                 Ok(Cow::Owned(bytes))
             }
         }
@@ -85,9 +94,12 @@ impl PackWriter {
     pub fn new(scratch: Option<&Path>) -> Result<Self, BuildError> {
         let pack = match scratch {
             None => Pack::Memory(Frames::default()),
-            Some(folder) => Pack::File(
-                tempfile::NamedTempFile::new_in(folder).map_err(|cause| failed(folder, &cause))?,
-            ),
+            Some(folder) => Pack::File(PackFile {
+                file: Arc::new(
+                    tempfile::tempfile_in(folder).map_err(|cause| failed(folder, &cause))?,
+                ),
+                folder: folder.to_owned(),
+            }),
         };
         Ok(Self {
             pack,
@@ -108,9 +120,8 @@ impl PackWriter {
         match &mut self.pack {
             Pack::Memory(frames) => frames.push(start, frame),
             Pack::File(file) => {
-                let path: PathBuf = file.path().to_owned();
-                file.write_all(&frame)
-                    .map_err(|cause| failed(&path, &cause))?;
+                let written = (&*file.file).write_all(&frame);
+                written.map_err(|cause| failed(&file.folder, &cause))?;
             }
         }
         Ok(())
@@ -131,6 +142,19 @@ fn failed(path: &Path, cause: &std::io::Error) -> BuildError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A killed build leaves nothing in its scratch folder.
+    #[test]
+    fn a_pack_in_a_file_has_no_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut writer = PackWriter::new(Some(folder.path())).expect("a file");
+        writer.append(vec![1, 2, 3]).expect("written");
+        writer.append(vec![4, 5]).expect("written");
+        let (pack, _) = writer.finish().expect("a pack");
+        assert_eq!(*pack.read(2..5).expect("read"), [3, 4, 5]);
+        let named = std::fs::read_dir(folder.path()).expect("listed").count();
+        assert_eq!(named, 0);
+    }
 
     #[test]
     fn ranges_within_and_across_frames() {

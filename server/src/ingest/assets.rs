@@ -20,7 +20,7 @@ use super::records::{self, StoredAsset};
 use super::{IngestError, RENEW_AFTER_SECS};
 use crate::build::{self, BuildOptions, BuildSite, BuiltAsset, Pack};
 use crate::import::MeshSource;
-use crate::library::Library;
+use crate::library::{Library, Put, Repaired};
 
 /// A mesh with its names.
 #[derive(Debug)]
@@ -63,6 +63,8 @@ pub(super) struct Builder<'a> {
     /// Folder for what does not fit memory; the system's own where it is `None`.
     pub scratch: Option<&'a Path>,
     pub room: Room,
+    /// Objects of broken builds; stored anew they count as repaired.
+    pub broken: &'a HashSet<ContentHash>,
     /// Called from any thread with the triangles done since the last call; all calls for a mesh add up to its triangles.
     pub on_triangles: &'a (dyn Fn(u64) + Sync),
 }
@@ -137,25 +139,33 @@ impl Builder<'_> {
             }
         }
         let storing = Instant::now();
+        let mut repaired = Repaired::default();
+        let mut note = |(hash, put): (ContentHash, Put), bytes: u64| {
+            if put == Put::Healed || (put == Put::Stored && self.broken.contains(&hash)) {
+                repaired.add(bytes);
+            }
+            hash
+        };
         let hash = self.runtime.block_on(async {
             // What an object names is there before it.
             let library = self.library;
-            match pack {
+            let put = match pack {
                 Pack::Memory(frames) => {
-                    library
-                        .put_object(Bytes::from(frames.concat()), RENEW_AFTER_SECS)
-                        .await?;
+                    let frames = Bytes::from(frames.concat());
+                    library.put_object(frames, RENEW_AFTER_SECS).await?
                 }
-                Pack::File(file) => {
-                    library
-                        .put_object_file(file.path(), RENEW_AFTER_SECS)
-                        .await?;
+                Pack::File(pack) => {
+                    let put = library.put_object_file(&pack.file, &pack.folder, RENEW_AFTER_SECS);
+                    put.await?
                 }
-            }
-            let hierarchy = Bytes::from(hierarchy_bytes);
-            library.put_object(hierarchy, RENEW_AFTER_SECS).await?;
+            };
+            note(put, asset.pack_bytes());
+            let (hierarchy, bytes) = (Bytes::from(hierarchy_bytes), report.bytes.hierarchy);
+            let put = library.put_object(hierarchy, RENEW_AFTER_SECS).await?;
+            note(put, bytes);
+            let bytes = asset_bytes.len() as u64;
             let put = library.put_object(Bytes::from(asset_bytes), RENEW_AFTER_SECS);
-            let (hash, _) = put.await?;
+            let hash = note(put.await?, bytes);
             records::remember(self.library, &key, &asset, hash, &report).await?;
             Ok::<_, IngestError>(hash)
         })?;
@@ -164,6 +174,7 @@ impl Builder<'_> {
             report,
             store_secs: storing.elapsed().as_secs_f64(),
             reused: false,
+            repaired,
         })
     }
 }

@@ -15,11 +15,12 @@ use super::plan::{Plan, hash_input};
 use super::progress::{Progress, ProgressTo};
 use super::report::{self, Clock};
 use super::{
-    IngestError, IngestReport, IngestSeconds, RENEW_AFTER_SECS, find_all, memory, outline,
+    FoundBuilds, IngestError, IngestReport, IngestSeconds, RENEW_AFTER_SECS, find_all, memory,
+    outline,
 };
 use crate::build::BuildOptions;
 use crate::import::{self, OpenOptions};
-use crate::library::{Library, PlanNote, Replaces};
+use crate::library::{Check, Library, PlanNote, Repaired, Replaces};
 
 /// What the caller of a job chooses; all else is in the plan.
 #[derive(Debug, Clone, Default)]
@@ -38,6 +39,10 @@ pub struct JobOptions {
     pub scratch: Option<PathBuf>,
     /// Build also what the library holds already.
     pub rebuild: bool,
+    /// Open no file but the inputs: see [`OpenOptions::self_contained`].
+    pub self_contained: bool,
+    /// How stored objects are checked before they count as built.
+    pub check: Check,
     /// Where progress goes.
     pub progress: ProgressTo,
 }
@@ -57,6 +62,8 @@ pub struct JobReport {
     pub built: u64,
     /// Those found in the library.
     pub reused: u64,
+    /// Objects that were damaged or missing in the library, stored anew.
+    pub repaired: Repaired,
     /// Triangles of the meshes built now.
     pub triangles: u64,
     /// Wall-clock time.
@@ -101,9 +108,9 @@ fn run(
         .map(|&Task::Mesh(mesh)| note.builds[mesh as usize])
         .collect();
     let looking = Instant::now();
-    let known = match options.rebuild {
-        true => HashMap::new(),
-        false => find_all(runtime, library, &keys, &progress)?,
+    let FoundBuilds { known, broken } = match options.rebuild {
+        true => FoundBuilds::default(),
+        false => find_all(runtime, library, &keys, options.check, &progress)?,
     };
     let look_secs = looking.elapsed().as_secs_f64();
 
@@ -126,7 +133,7 @@ fn run(
             None => PathBuf::from(&plan.inputs[input as usize].path),
         };
         let limit = options.memory_limit_bytes;
-        let meshes = read_meshes(&file, plan, input, &wanted, &build_options, limit);
+        let meshes = read_meshes(&file, plan, input, &wanted, &build_options, options);
         let meshes = match options.inputs.is_empty() {
             true => meshes.map_err(elsewhere)?,
             false => meshes?,
@@ -140,6 +147,7 @@ fn run(
             options: &build_options,
             scratch: options.scratch.as_deref(),
             room,
+            broken: &broken,
             on_triangles: &|count| progress.triangles(count),
         };
         built.extend(builder.build_all(meshes)?);
@@ -152,6 +160,10 @@ fn run(
         meshes: build_secs,
         rest: look_secs,
     };
+    let mut repaired = Repaired::default();
+    for asset in built.values() {
+        repaired.merge(asset.repaired);
+    }
     Ok(JobReport {
         scene: options.scene.clone(),
         job: options.job,
@@ -159,6 +171,7 @@ fn run(
         meshes: tasks.len() as u64,
         built: built.len() as u64,
         reused: known.len() as u64,
+        repaired,
         triangles,
         seconds: clock.seconds(built.values().map(|asset| &**asset)),
         peak_rss_bytes: report::peak_rss_bytes(),
@@ -171,8 +184,8 @@ fn read_meshes(
     plan: &Plan,
     input: u32,
     wanted: &[u32],
-    options: &BuildOptions,
-    limit: Option<u64>,
+    build: &BuildOptions,
+    options: &JobOptions,
 ) -> Result<Vec<KeyedMesh>, IngestError> {
     let planned = &plan.inputs[input as usize];
     let changed = |planned, found| IngestError::Changed {
@@ -185,13 +198,16 @@ fn read_meshes(
         let expected = format!("{} bytes, {}", planned.bytes, planned.hash);
         return Err(changed(expected, format!("{bytes} bytes, {hash}")));
     }
-    memory::check_inputs(&[file.to_owned()], limit)?;
+    memory::check_inputs(&[file.to_owned()], options.memory_limit_bytes)?;
     let mut merged = Merged::default();
     let open = OpenOptions {
         max_mesh_bytes: plan.max_mesh_bytes,
+        self_contained: options.self_contained,
+        memory_limit_bytes: memory::limit_of(plan.max_mesh_bytes),
+        ..OpenOptions::default()
     };
     merged.add(file, input, import::open(file, &open)?);
-    let meshes = assets::unique(assets::keyed(merged.meshes, options)?);
+    let meshes = assets::unique(assets::keyed(merged.meshes, build)?);
     let mut found: HashMap<ContentHash, KeyedMesh> = meshes
         .into_iter()
         .map(|keyed| (keyed.content, keyed))
@@ -229,13 +245,14 @@ pub fn finish(
     runtime: &Handle,
     library: &Library,
     scene: &str,
+    check: Check,
     to: ProgressTo,
 ) -> Result<IngestReport, IngestError> {
     let start = Instant::now();
     let progress = Progress::new(to);
     progress.step("looking for what the jobs built");
     let (note, _) = read_plan(runtime, library, scene)?;
-    let known = find_all(runtime, library, &note.builds, &progress)?;
+    let known = find_all(runtime, library, &note.builds, check, &progress)?.known;
     if known.len() < note.builds.len() {
         let (jobs, meshes) = unfinished(&note, |key| known.contains_key(key));
         let expected = format!("all {} jobs done", note.plan.jobs.len());
@@ -252,8 +269,14 @@ pub fn finish(
         let expected = "the outline's meshes among the planned ones".to_owned();
         return Err(fault(library, scene, expected, "another".to_owned()));
     };
+    if check == Check::Hash {
+        // Stored by --plan; no job checks them.
+        for texture in &outline.textures {
+            runtime.block_on(library.check_object(&texture.object))?;
+        }
+    }
     let scene_object = outline::fill(outline, &stored);
-    super::publish(runtime, library, scene, Replaces::Anything, &scene_object)?;
+    let repaired = super::publish(runtime, library, scene, Replaces::Anything, &scene_object)?;
     progress.end();
     let total = start.elapsed().as_secs_f64();
     let clock = Clock {
@@ -262,7 +285,7 @@ pub fn finish(
         meshes: 0.0,
         rest: total,
     };
-    Ok(report::report(&scene_object, &stored, clock))
+    Ok(report::report(&scene_object, &stored, repaired, clock))
 }
 
 /// The plan of a scene, checked, and young again; with the options that it says.

@@ -33,12 +33,12 @@ use lodestream_format::{ContentHash, Scene};
 use tokio::runtime::Handle;
 
 use crate::build::BuildOptions;
-use crate::import::{self, OpenOptions};
-use crate::library::{Library, LibraryError, Replaces};
+use crate::import::{self, MAX_IMAGE_PIXELS, OpenOptions};
+use crate::library::{Check, Library, LibraryError, Put, Repaired, Replaces};
 use assets::{Builder, KeyedMesh};
 use merge::Merged;
 use progress::Progress;
-use records::StoredAsset;
+use records::{Known, StoredAsset};
 
 pub use error::IngestError;
 pub use job::{JobOptions, JobReport, finish, job};
@@ -71,8 +71,15 @@ pub struct IngestOptions {
     pub build: BuildOptions,
     /// Build also what the library holds already.
     pub rebuild: bool,
+    /// How stored objects are checked before they are reused.
+    pub check: Check,
     /// Most triangles of all meshes, each counted once.
     pub max_triangles: Option<u64>,
+    /// Open no file but the inputs: see [`OpenOptions::self_contained`].
+    pub self_contained: bool,
+    /// Most pixels of an image: [`MAX_IMAGE_PIXELS`] where it is `None`; see
+    /// [`OpenOptions::max_image_pixels`].
+    pub max_image_pixels: Option<u64>,
     /// Where progress goes.
     pub progress: ProgressTo,
 }
@@ -106,20 +113,18 @@ fn run(
     runtime.block_on(library.check_replaced(&options.scene, options.replaces))?;
     let progress = Progress::new(options.progress);
     let (mut merged, meshes) = import_all(options, &progress)?;
-    let triangles: u64 = meshes.iter().map(|keyed| keyed.mesh.triangles).sum();
-    if let Some(most) = options.max_triangles.filter(|&most| triangles > most) {
-        return Err(IngestError::TooManyTriangles { most, triangles });
-    }
     let entries = outline::entries(&meshes);
     let import_secs = start.elapsed().as_secs_f64();
 
     let looking = Instant::now();
     let keys: Vec<ContentHash> = entries.iter().map(|entry| entry.asset).collect();
-    let mut known = HashMap::new();
-    if !options.rebuild {
-        progress.step("looking for what is built already");
-        known = find_all(runtime, library, &keys, &progress)?;
-    }
+    let FoundBuilds { mut known, broken } = match options.rebuild {
+        true => FoundBuilds::default(),
+        false => {
+            progress.step("looking for what is built already");
+            find_all(runtime, library, &keys, options.check, &progress)?
+        }
+    };
     let meshes = missing(meshes, &known);
     let look_secs = looking.elapsed().as_secs_f64();
 
@@ -133,6 +138,7 @@ fn run(
         options: &options.build,
         scratch: options.scratch.as_deref(),
         room,
+        broken: &broken,
         on_triangles: &|count| progress.triangles(count),
     };
     known.extend(builder.build_all(meshes)?);
@@ -140,19 +146,21 @@ fn run(
     let build_secs = building.elapsed().as_secs_f64();
 
     let storing = Instant::now();
-    let textures = store_textures(runtime, library, &options.scene, &mut merged)?;
+    let mut repaired = Repaired::default();
+    let textures = store_textures(runtime, library, &options.scene, &mut merged, &mut repaired)?;
     let outline = outline::outline(merged, entries, textures);
     // Each key was found or built.
     let stored: Vec<_> = keys.iter().map(|key| Arc::clone(&known[key])).collect();
     let scene = outline::fill(outline, &stored);
-    publish(runtime, library, &options.scene, options.replaces, &scene)?;
+    let published = publish(runtime, library, &options.scene, options.replaces, &scene)?;
+    repaired.merge(published);
     let clock = report::Clock {
         total: start.elapsed().as_secs_f64(),
         import: import_secs,
         meshes: build_secs,
         rest: look_secs + storing.elapsed().as_secs_f64(),
     };
-    Ok(report::report(&scene, &stored, clock))
+    Ok(report::report(&scene, &stored, repaired, clock))
 }
 
 /// All inputs in one; the meshes on their own, with their names.
@@ -164,10 +172,15 @@ fn import_all(
     let mut merged = Merged::default();
     for (index, input) in options.inputs.iter().enumerate() {
         progress.step(&format!("importing {}", input.display()));
+        let max_mesh_bytes = memory::most_mesh_bytes(options.memory_limit_bytes);
         let open = OpenOptions {
-            max_mesh_bytes: memory::most_mesh_bytes(options.memory_limit_bytes),
+            max_mesh_bytes,
+            self_contained: options.self_contained,
+            max_image_pixels: options.max_image_pixels.unwrap_or(MAX_IMAGE_PIXELS),
+            memory_limit_bytes: memory::limit_of(max_mesh_bytes),
         };
         merged.add(input, index as u32, import::open(input, &open)?);
+        check_triangles(&merged, options.max_triangles)?;
     }
     let meshes = std::mem::take(&mut merged.meshes);
     let keyed = assets::keyed(meshes, &options.build)?;
@@ -178,21 +191,46 @@ fn import_all(
     Ok((merged, keyed))
 }
 
-/// The builds among `keys` that can be used as they are.
+/// Before anything else is done with them.
+fn check_triangles(merged: &Merged, most: Option<u64>) -> Result<(), IngestError> {
+    let triangles: u64 = merged.meshes.iter().map(|mesh| mesh.triangles).sum();
+    match most {
+        Some(most) if triangles > most => Err(IngestError::TooManyTriangles { most, triangles }),
+        _ => Ok(()),
+    }
+}
+
+/// Builds of earlier runs.
+#[derive(Default)]
+struct FoundBuilds {
+    /// Whole builds, by key.
+    known: HashMap<ContentHash, Arc<StoredAsset>>,
+    /// Objects of the broken builds.
+    broken: HashSet<ContentHash>,
+}
+
+/// The builds of `keys` that the library has.
 fn find_all(
     runtime: &Handle,
     library: &Library,
     keys: &[ContentHash],
+    check: Check,
     progress: &Progress,
-) -> Result<HashMap<ContentHash, Arc<StoredAsset>>, LibraryError> {
+) -> Result<FoundBuilds, LibraryError> {
     let mut told = HashSet::new();
     let mut unique = keys.to_vec();
     unique.retain(|key| told.insert(*key));
-    let found = records::find(runtime, library, &unique, &|line| progress.warn(&line))?;
-    let found = unique.into_iter().zip(found);
-    Ok(found
-        .filter_map(|(key, found)| Some((key, found?)))
-        .collect())
+    let warn = |line: String| progress.warn(&line);
+    let looked = records::find(runtime, library, &unique, check, &warn)?;
+    let mut found = FoundBuilds::default();
+    for (key, looked) in unique.into_iter().zip(looked) {
+        match looked {
+            Known::No => {}
+            Known::Whole(stored) => drop(found.known.insert(key, stored)),
+            Known::Broken(objects) => found.broken.extend(objects),
+        }
+    }
+    Ok(found)
 }
 
 /// The meshes to build, each once; the others' memory is given back.
@@ -210,6 +248,7 @@ fn store_textures(
     library: &Library,
     scene: &str,
     merged: &mut Merged,
+    repaired: &mut Repaired,
 ) -> Result<Vec<Texture>, IngestError> {
     let images = std::mem::take(&mut merged.images);
     let kept = match images.is_empty() {
@@ -223,7 +262,11 @@ fn store_textures(
             false => RENEW_AFTER_SECS,
         };
         let put = library.put_object(Bytes::from(image.bytes), renew);
-        let (object, _) = runtime.block_on(put)?;
+        let (object, put) = runtime.block_on(put)?;
+        // The published scene needs it, and it was missing.
+        if put == Put::Healed || (put == Put::Stored && renew == NEVER_RENEW) {
+            repaired.add(bytes);
+        }
         Ok(Texture {
             object,
             bytes,
@@ -254,12 +297,20 @@ fn publish(
     name: &str,
     replaces: Replaces,
     scene: &Scene,
-) -> Result<(), IngestError> {
+) -> Result<Repaired, IngestError> {
     let bytes = Bytes::from(scene.encode()?);
-    let published = runtime.block_on(async {
-        let (hash, _) = library.put_object(bytes, RENEW_AFTER_SECS).await?;
-        library.publish_replacing(name, hash, replaces).await
+    let length = bytes.len() as u64;
+    let (published, put, was_named) = runtime.block_on(async {
+        let (hash, put) = library.put_object(bytes, RENEW_AFTER_SECS).await?;
+        let before = library.reference(name).await;
+        let was_named = before.is_ok_and(|before| before.scene == hash);
+        let published = library.publish_replacing(name, hash, replaces).await?;
+        Ok::<_, LibraryError>((published, put, was_named))
     })?;
     tracing::info!("scene {name} is now {}", published.scene);
-    Ok(())
+    let mut repaired = Repaired::default();
+    if put == Put::Healed || (put == Put::Stored && was_named) {
+        repaired.add(length);
+    }
+    Ok(repaired)
 }

@@ -24,7 +24,7 @@ use super::{
 };
 use crate::build::{BuildOptions, PositionStep};
 use crate::import::MeshSource;
-use crate::library::{Library, PlanNote};
+use crate::library::{Check, Library, PlanNote, Repaired};
 
 /// What jobs read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -123,6 +123,8 @@ pub struct PlanReport {
     pub triangles: u64,
     /// Meshes among them that are built already; their jobs pass them over.
     pub reusable: u64,
+    /// Textures that were damaged or missing in the library, stored anew.
+    pub repaired: Repaired,
     /// The jobs.
     pub jobs: Vec<PlannedJob>,
     /// Wall-clock seconds.
@@ -186,9 +188,13 @@ fn make(
         .collect();
     let dealt = deal::deal(&weights, jobs);
     progress.step("looking for what is built already");
-    let reusable = find_all(runtime, library, &keys, &progress)?.len() as u64;
+    // Only a count for the report: each job checks the objects that it reuses.
+    let found = find_all(runtime, library, &keys, Check::Length, &progress)?;
+    let reusable = found.known.len() as u64;
 
-    let textures = super::store_textures(runtime, library, &options.scene, &mut merged)?;
+    let mut repaired = Repaired::default();
+    let textures =
+        super::store_textures(runtime, library, &options.scene, &mut merged, &mut repaired)?;
     let mut objects: Vec<ContentHash> = textures.iter().map(|texture| texture.object).collect();
     let outline = Bytes::from(outline::outline(merged, entries, textures).encode()?);
     let put = library.put_object(outline, RENEW_AFTER_SECS);
@@ -214,6 +220,7 @@ fn make(
         meshes: note.plan.meshes.len() as u64,
         triangles: note.plan.meshes.iter().map(|mesh| mesh.triangles).sum(),
         reusable,
+        repaired,
         jobs: note
             .plan
             .jobs

@@ -11,7 +11,7 @@ use super::RENEW_AFTER_SECS;
 use super::build_report::StoredReport;
 use crate::build::{BuildOptions, BuildReport};
 use crate::import::{ImportError, Mesh, MeshSource};
-use crate::library::{BuildRecord, Library, LibraryError};
+use crate::library::{BuildRecord, Check, Library, LibraryError, Repaired};
 
 /// Of the builder. Raise it whenever the same mesh and options become other bytes: what an older builder stored is then built
 /// anew. A test pins the bytes of a sample beside this number.
@@ -19,6 +19,8 @@ pub const BUILDER_VERSION: u32 = 8;
 
 /// Records looked up at once.
 const READS_AT_ONCE: usize = 16;
+/// Builds hashed at once; each takes a few MiB of memory.
+const CHECKS_AT_ONCE: usize = 8;
 
 /// What a mesh became.
 #[derive(Debug, Clone)]
@@ -30,6 +32,8 @@ pub(super) struct StoredAsset {
     pub store_secs: f64,
     /// Built in an earlier run.
     pub reused: bool,
+    /// Those of its objects that were damaged in the library, or missing though recorded.
+    pub repaired: Repaired,
 }
 
 /// Names what the build reads of a mesh: all but its name and which materials its slots mean.
@@ -82,45 +86,63 @@ pub(super) fn key(content: &ContentHash, options: &BuildOptions) -> ContentHash 
     ContentHash::of(text.as_bytes())
 }
 
-/// The builds of `keys` that can be used as they are; `None` where a mesh must be built. `warn` gets a line for each record that
-/// is there and cannot be used.
+/// State of a recorded build.
+pub(super) enum Known {
+    /// No record.
+    No,
+    /// Its objects are whole.
+    Whole(Arc<StoredAsset>),
+    /// Some of its objects are damaged or missing.
+    Broken([ContentHash; 3]),
+}
+
+/// States of the builds of `keys`, their objects checked as `check` says. `warn` gets a line for
+/// each record that cannot be used.
 pub(super) fn find(
     runtime: &Handle,
     library: &Library,
     keys: &[ContentHash],
+    check: Check,
     warn: &dyn Fn(String),
-) -> Result<Vec<Option<Arc<StoredAsset>>>, LibraryError> {
-    let lookups = keys.iter().map(|key| find_one(library, key, warn));
-    runtime.block_on(stream::iter(lookups).buffered(READS_AT_ONCE).try_collect())
+) -> Result<Vec<Known>, LibraryError> {
+    let at_once = match check {
+        Check::Hash => CHECKS_AT_ONCE,
+        Check::Length => READS_AT_ONCE,
+    };
+    let lookups = keys.iter().map(|key| find_one(library, key, check, warn));
+    runtime.block_on(stream::iter(lookups).buffered(at_once).try_collect())
 }
 
 async fn find_one(
     library: &Library,
     key: &ContentHash,
+    check: Check,
     warn: &dyn Fn(String),
-) -> Result<Option<Arc<StoredAsset>>, LibraryError> {
-    let unusable = |error: LibraryError| match error {
-        LibraryError::Damaged { .. } | LibraryError::NoObject { .. } => {
+) -> Result<Known, LibraryError> {
+    let unusable = |error: LibraryError, known: Known| match error.is_damage() || error.is_missing()
+    {
+        true => {
             warn(format!("build record {key} is not used: {error}"));
-            Ok(None)
+            Ok(known)
         }
-        error => Err(error),
+        false => Err(error),
     };
     let record = match library.build::<StoredReport>(key).await {
         Ok(Some(record)) => record,
-        Ok(None) => return Ok(None),
-        Err(error) => return unusable(error),
+        Ok(None) => return Ok(Known::No),
+        Err(error) => return unusable(error, Known::No),
     };
     // Young before its objects are looked for: `gc` then leaves them.
     library.renew_build(key, &record, RENEW_AFTER_SECS).await?;
-    match library.has_build(&record).await {
-        Ok(()) => Ok(Some(Arc::new(StoredAsset {
+    match library.has_build(&record, check).await {
+        Ok(()) => Ok(Known::Whole(Arc::new(StoredAsset {
             asset: record.asset,
             report: record.report.0,
             store_secs: 0.0,
             reused: true,
+            repaired: Repaired::default(),
         }))),
-        Err(error) => unusable(error),
+        Err(error) => unusable(error, Known::Broken(record.objects())),
     }
 }
 

@@ -7,6 +7,7 @@ use lodestream_format::{ContentHash, Scene};
 
 use super::records::StoredAsset;
 use crate::build::LevelRow;
+use crate::library::Repaired;
 
 /// Figures of a scene; sums are over its assets, each once.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -21,6 +22,8 @@ pub struct IngestReport {
     pub built: u64,
     /// Assets found in the library, built with the same options by an earlier run.
     pub reused: u64,
+    /// Objects that were damaged or missing in the library, stored anew.
+    pub repaired: Repaired,
     /// Triangles of all clusters.
     pub dag_triangles: u64,
     /// Clusters.
@@ -129,8 +132,13 @@ pub(super) fn unique(stored: &[Arc<StoredAsset>]) -> BTreeMap<ContentHash, &Stor
     both.map(|asset| (asset.asset, &**asset)).collect()
 }
 
-/// Adds up.
-pub(super) fn report(scene: &Scene, stored: &[Arc<StoredAsset>], clock: Clock) -> IngestReport {
+/// Adds up; `repaired` counts objects beside the assets.
+pub(super) fn report(
+    scene: &Scene,
+    stored: &[Arc<StoredAsset>],
+    repaired: Repaired,
+    clock: Clock,
+) -> IngestReport {
     let assets = unique(stored);
     let mut report = IngestReport {
         input_triangles: scene.source_triangles,
@@ -138,6 +146,7 @@ pub(super) fn report(scene: &Scene, stored: &[Arc<StoredAsset>], clock: Clock) -
         assets: assets.len() as u64,
         built: assets.values().filter(|asset| !asset.reused).count() as u64,
         reused: assets.values().filter(|asset| asset.reused).count() as u64,
+        repaired,
         seconds: clock.seconds(assets.values().copied()),
         warnings: scene.warnings.clone(),
         peak_rss_bytes: peak_rss_bytes(),
@@ -145,6 +154,7 @@ pub(super) fn report(scene: &Scene, stored: &[Arc<StoredAsset>], clock: Clock) -
     };
     for asset in assets.values() {
         let built = &asset.report;
+        report.repaired.merge(asset.repaired);
         report.dag_triangles += built.dag_triangles;
         report.clusters += built.clusters;
         report.groups += built.groups;

@@ -56,8 +56,8 @@ pub enum LibraryError {
         /// The scene.
         scene: String,
     },
-    /// A local file that is to become an object cannot be read.
-    #[error("{}: cannot read: {cause}", file.display())]
+    /// A local file, of a library or on its way to one, cannot be read, moved or removed.
+    #[error("{}: {cause}", file.display())]
     File {
         /// The file.
         file: std::path::PathBuf,
@@ -90,6 +90,28 @@ pub enum LibraryError {
 }
 
 impl LibraryError {
+    /// Whether stored bytes are wrong or a file is unreadable for good: a retry does not help,
+    /// replacing the file does.
+    pub fn is_damage(&self) -> bool {
+        match self {
+            Self::Damaged { .. } => true,
+            Self::Store {
+                location, source, ..
+            } if !location.starts_with(super::location::S3) => is_unreadable(source.as_ref()),
+            _ => false,
+        }
+    }
+
+    /// The object that the error is about, where it is about one.
+    pub(super) fn object(&self) -> Option<ContentHash> {
+        match self {
+            Self::Damaged { path, .. } | Self::Store { path, .. } | Self::NoObject { path, .. } => {
+                path.rsplit('/').next()?.parse().ok()
+            }
+            _ => None,
+        }
+    }
+
     /// Whether nothing of that name is there: asking again is useless.
     pub fn is_missing(&self) -> bool {
         matches!(
@@ -97,6 +119,34 @@ impl LibraryError {
             Self::NoScene { .. } | Self::NoObject { .. } | Self::NoPlan { .. } | Self::Name(_)
         )
     }
+}
+
+/// Whether the cause is one of a single file; too many open files is not.
+fn is_unreadable(error: &object_store::Error) -> bool {
+    let mut cause: Option<&dyn std::error::Error> = Some(error);
+    while let Some(error) = cause {
+        if let Some(error) = error.downcast_ref::<std::io::Error>() {
+            return is_lasting(error);
+        }
+        cause = error.source();
+    }
+    false
+}
+
+fn is_lasting(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{IsADirectory, NotADirectory, PermissionDenied};
+    #[cfg(unix)]
+    {
+        use rustix::io::Errno;
+        let broken = [Errno::IO, Errno::LOOP].map(|errno| Some(errno.raw_os_error()));
+        if broken.contains(&error.raw_os_error()) {
+            return true;
+        }
+    }
+    matches!(
+        error.kind(),
+        PermissionDenied | IsADirectory | NotADirectory
+    )
 }
 
 /// What an object whose bytes do not hash to its name is.

@@ -1,8 +1,9 @@
 //! Files too large for memory become objects, read and sent part by part.
 
 use std::fs::File;
-use std::io::Read;
+use std::io;
 use std::path::{Path as FilePath, PathBuf};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use futures_util::{Stream, TryStreamExt};
@@ -12,7 +13,6 @@ use object_store::path::Path;
 use object_store::{ObjectStoreExt, WriteMultipart};
 
 use super::error::wrong_hash;
-use super::objects::now_secs;
 use super::{Library, LibraryError, Put, object_path};
 
 /// Bytes of a part unless the file is so large that there would be too many.
@@ -23,7 +23,8 @@ const MOST_PARTS: u64 = 9_000;
 const PARTS_AT_ONCE: usize = 4;
 
 impl Library {
-    /// Stores the file at `file` under its hash, unless it is there already, holding a few parts of it in memory.
+    /// Stores `file` under its hash, unless it is there already, with a few parts of it in memory.
+    /// `name` is for messages.
     ///
     /// The file is read twice, first for its hash. An object that is there is compared whole, so a damaged one heals, and made
     /// young again where it is older than `renew_after_secs`, as [`Library::put_object`] does. The object appears when it is
@@ -33,25 +34,19 @@ impl Library {
     /// [`LibraryError::File`] where the file cannot be read, [`LibraryError::Damaged`] where it changed meanwhile.
     pub async fn put_object_file(
         &self,
-        file: &FilePath,
+        file: &Arc<File>,
+        name: &FilePath,
         renew_after_secs: i64,
     ) -> Result<(ContentHash, Put), LibraryError> {
-        let (hash, bytes) = hash_file(file).await?;
+        let parts = |part_bytes| Parts::new(file, name, part_bytes);
+        let (hash, bytes) = hash_parts(parts(PART_BYTES)).await?;
         let path = object_path(&hash);
-        let put = match self.entry(&path).await? {
-            None => Put::Stored,
-            Some(entry) if entry.bytes != bytes => Put::Healed,
-            Some(_) if !self.holds_file(&path, file, bytes).await? => Put::Healed,
-            Some(entry) => {
-                if now_secs() - entry.written_secs <= renew_after_secs {
-                    return Ok((hash, Put::Known));
-                }
-                Put::Known
-            }
-        };
-        let part_bytes = part_bytes(bytes);
-        let parts = Parts::open(file, part_bytes).await?.into_stream();
-        self.upload(&path, &hash, bytes, parts).await?;
+        let holds = self.holds_parts(&path, parts(PART_BYTES), bytes);
+        let (put, is_sent) = self.weigh(&path, bytes, renew_after_secs, holds).await?;
+        if is_sent {
+            let parts = parts(part_bytes(bytes)).into_stream();
+            self.upload(&path, &hash, bytes, parts).await?;
+        }
         Ok((hash, put))
     }
 
@@ -64,6 +59,7 @@ impl Library {
         bytes: u64,
         pieces: impl Stream<Item = Result<Bytes, LibraryError>>,
     ) -> Result<(), LibraryError> {
+        self.clear_way(path)?;
         let part_bytes = part_bytes(bytes);
         let upload = self.store.put_multipart(path).await;
         let upload = upload.map_err(|error| self.store_error(path, error))?;
@@ -101,14 +97,13 @@ impl Library {
         Ok(hasher.finish())
     }
 
-    async fn holds_file(
+    async fn holds_parts(
         &self,
         path: &Path,
-        file: &FilePath,
+        mut parts: Parts,
         bytes: u64,
     ) -> Result<bool, LibraryError> {
         let mut pieces = std::pin::pin!(self.pieces(path, 0..bytes));
-        let mut parts = Parts::open(file, PART_BYTES).await?;
         let mut part = Bytes::new();
         while let Some(mut piece) = pieces.try_next().await? {
             while !piece.is_empty() {
@@ -133,10 +128,9 @@ fn part_bytes(bytes: u64) -> u64 {
     PART_BYTES.max(bytes.div_ceil(MOST_PARTS))
 }
 
-async fn hash_file(file: &FilePath) -> Result<(ContentHash, u64), LibraryError> {
+async fn hash_parts(mut parts: Parts) -> Result<(ContentHash, u64), LibraryError> {
     let mut hasher = ContentHasher::default();
     let mut bytes = 0;
-    let mut parts = Parts::open(file, PART_BYTES).await?;
     while let Some(part) = parts.next().await? {
         bytes += part.len() as u64;
         hasher.update(&part);
@@ -144,26 +138,22 @@ async fn hash_file(file: &FilePath) -> Result<(ContentHash, u64), LibraryError> 
     Ok((hasher.finish(), bytes))
 }
 
-/// A file read part by part off the runtime's threads.
+/// A file read part by part off the runtime's threads; its own position, whoever else reads it.
 struct Parts {
     name: PathBuf,
     part_bytes: u64,
-    /// `None` after an error.
-    file: Option<File>,
+    file: Arc<File>,
+    at: u64,
 }
 
 impl Parts {
-    async fn open(name: &FilePath, part_bytes: u64) -> Result<Self, LibraryError> {
-        let name = name.to_owned();
-        let file = File::open(&name).map_err(|cause| LibraryError::File {
-            file: name.clone(),
-            cause,
-        })?;
-        Ok(Self {
-            name,
+    fn new(file: &Arc<File>, name: &FilePath, part_bytes: u64) -> Self {
+        Self {
+            name: name.to_owned(),
             part_bytes,
-            file: Some(file),
-        })
+            file: Arc::clone(file),
+            at: 0,
+        }
     }
 
     /// The parts that are left.
@@ -176,23 +166,41 @@ impl Parts {
 
     /// The next part, full but for the last one; `None` at the end.
     async fn next(&mut self) -> Result<Option<Bytes>, LibraryError> {
-        let Some(mut file) = self.file.take() else {
-            return Ok(None);
-        };
-        let part_bytes = self.part_bytes;
-        let read = tokio::task::spawn_blocking(move || {
-            let mut part = Vec::with_capacity(part_bytes as usize);
-            (&mut file).take(part_bytes).read_to_end(&mut part)?;
-            Ok((file, part))
-        });
-        let (file, part) = read
-            .await
+        let (file, bytes, at) = (Arc::clone(&self.file), self.part_bytes as usize, self.at);
+        let read = tokio::task::spawn_blocking(move || read_part(&file, bytes, at)).await;
+        let part = read
             .unwrap_or_else(|error| Err(error.into()))
             .map_err(|cause| LibraryError::File {
                 file: self.name.clone(),
                 cause,
             })?;
-        self.file = Some(file);
+        self.at += part.len() as u64;
         Ok((!part.is_empty()).then(|| part.into()))
     }
+}
+
+/// `bytes` from `at` on, fewer where the file ends.
+fn read_part(file: &File, bytes: usize, at: u64) -> io::Result<Vec<u8>> {
+    let mut part = vec![0; bytes];
+    let mut filled = 0;
+    while filled < bytes {
+        match read_at(file, &mut part[filled..], at + filled as u64) {
+            Ok(0) => break,
+            Ok(read) => filled += read,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    part.truncate(filled);
+    Ok(part)
+}
+
+#[cfg(unix)]
+fn read_at(file: &File, bytes: &mut [u8], at: u64) -> io::Result<usize> {
+    std::os::unix::fs::FileExt::read_at(file, bytes, at)
+}
+
+#[cfg(windows)]
+fn read_at(file: &File, bytes: &mut [u8], at: u64) -> io::Result<usize> {
+    std::os::windows::fs::FileExt::seek_read(file, bytes, at)
 }

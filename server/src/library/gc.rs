@@ -1,4 +1,4 @@
-//! Sweeping objects that hang on no scene, and the notes of ingest that have outlived their use.
+//! Sweeping objects that hang on no scene, old notes of ingest, and staged files of killed writers.
 //!
 //! Safe beside a running ingest: objects younger than the grace period are spared, and so is what a younger build record or
 //! plan names; an ingest renews the age of what it uses again, the age is read again just before something goes, and
@@ -46,6 +46,12 @@ pub struct GcReport {
     pub plans: u64,
     /// Plans removed.
     pub removed_plans: u64,
+    /// Staged files that stay: their writers may be running.
+    pub staged: u64,
+    /// Staged files removed.
+    pub removed_staged: u64,
+    /// Their bytes.
+    pub removed_staged_bytes: u64,
 }
 
 /// What notes of ingest keep beside the scenes.
@@ -94,7 +100,27 @@ impl Library {
             report.removed += 1;
             report.removed_bytes += now.bytes;
         }
+        self.sweep_staged(options, &mut report).await?;
         Ok(report)
+    }
+
+    async fn sweep_staged(
+        &self,
+        options: GcOptions,
+        report: &mut GcReport,
+    ) -> Result<(), LibraryError> {
+        for staged in self.staged().await? {
+            if is_young_since(staged.written_secs, options) {
+                report.staged += 1;
+                continue;
+            }
+            if !options.dry_run {
+                self.remove_staged(&staged)?;
+            }
+            report.removed_staged += 1;
+            report.removed_staged_bytes += staged.bytes;
+        }
+        Ok(())
     }
 
     async fn sweep_plan(
@@ -223,5 +249,10 @@ impl Library {
 }
 
 fn is_young(entry: &ObjectEntry, options: GcOptions) -> bool {
-    now_secs() - entry.written_secs < options.grace_secs as i64
+    is_young_since(entry.written_secs, options)
+}
+
+fn is_young_since(written_secs: i64, options: GcOptions) -> bool {
+    let grace_secs = i64::try_from(options.grace_secs).unwrap_or(i64::MAX);
+    now_secs() - written_secs < grace_secs
 }

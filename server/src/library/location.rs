@@ -41,6 +41,7 @@ const OF_COMMANDS: Patience = Patience {
 impl Library {
     /// Opens the library at `location`: an existing folder, `s3://bucket/prefix`, or `memory://`. A bucket is not asked for
     /// anything yet; endpoint, region and keys come from the environment, by the names that the AWS tools use.
+    /// [`Library::check`] tells whether it is a library.
     ///
     /// # Errors
     /// Where there is no folder, for an URL that names no store, and for settings that mean nothing.
@@ -88,6 +89,52 @@ impl Library {
             folder: Some(folder.into()),
             ..Self::over(Arc::new(store), location)
         })
+    }
+
+    /// Opens an existing library.
+    ///
+    /// # Errors
+    /// Those of [`Library::open`] and [`Library::check`].
+    pub async fn open_existing(location: &str) -> Result<Self, LibraryError> {
+        let library = Self::open(location)?;
+        library.check().await?;
+        Ok(library)
+    }
+
+    /// [`Library::open_or_create`], and makes it a library where it is none yet.
+    ///
+    /// # Errors
+    /// Those of [`Library::open_or_create`] and [`Library::make`].
+    pub async fn open_or_make(location: &str) -> Result<Self, LibraryError> {
+        let library = Self::open_or_create(location)?;
+        library.make().await?;
+        Ok(library)
+    }
+
+    /// Takes all rights of group and others from the root folder, and so from everything in it.
+    /// Stores other than a folder have access rules of their own.
+    #[cfg(unix)]
+    pub fn shut_out_others(&self) -> Result<(), LibraryError> {
+        use std::os::unix::fs::PermissionsExt;
+        let Some(folder) = &self.folder else {
+            return Ok(());
+        };
+        let failed = |cause| LibraryError::File {
+            file: folder.to_path_buf(),
+            cause,
+        };
+        let mode = folder.metadata().map_err(failed)?.permissions().mode();
+        if mode & 0o077 == 0 {
+            return Ok(());
+        }
+        let own = std::fs::Permissions::from_mode(mode & 0o700);
+        std::fs::set_permissions(folder, own).map_err(failed)
+    }
+
+    /// No file modes on this system; the command line refuses the option.
+    #[cfg(not(unix))]
+    pub fn shut_out_others(&self) -> Result<(), LibraryError> {
+        Ok(())
     }
 
     /// Like [`Library::open`], and makes the folder where there is none.

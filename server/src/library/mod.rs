@@ -1,25 +1,27 @@
 //! The library: immutable objects named by their hash, and scene names that point at them, in one object store.
 //!
 //! ```text
+//! library.json       that this is a library         (`mark`)
 //! objects/ab/ab12…   put once, never changed        (`objects`)
 //! scenes/NAME        swapped atomically             (`scenes`)
-//! builds/ab/ab12…    which asset a mesh became      (`builds`, for ingest alone)
-//! plans/NAME         which job builds which mesh    (`plans`, for ingest alone)
+//! builds/ab/ab12…    which asset a mesh became      (`notes`, for ingest alone)
+//! plans/NAME         which job builds which mesh    (`notes`, for ingest alone)
 //! ```
 //!
 //! Everything that a scene needs hangs on its reference (`reach`): scene -> assets -> packs and hierarchies, and textures.
 //! `gc` sweeps what hangs on none. Any number of servers and one or more writers may share a library.
 
-mod builds;
 mod copy;
 mod error;
 mod files;
+mod folder;
 mod gc;
 mod location;
+mod mark;
 mod notes;
 mod objects;
-mod plans;
 mod reach;
+mod repair;
 mod scenes;
 
 use std::fs::File;
@@ -30,13 +32,14 @@ use lodestream_format::{ContentHash, FormatError, library};
 use object_store::ObjectStore;
 use object_store::path::Path as StorePath;
 
-pub use builds::BuildRecord;
-pub use copy::CopyReport;
+pub use copy::{CopyOptions, CopyReport};
 pub use error::LibraryError;
 pub use gc::{GcOptions, GcReport};
+pub use notes::{BuildRecord, Check, PlanNote};
 pub use objects::{ObjectEntry, Put};
-pub use plans::PlanNote;
 pub use reach::Reach;
+pub use repair::Repaired;
+pub(crate) use scenes::ListedScene;
 pub use scenes::Replaces;
 
 /// A handle on a library; clones share the store.

@@ -27,6 +27,17 @@ pub enum Put {
     Healed,
 }
 
+/// State of an object's path.
+#[derive(Debug)]
+pub(super) enum Found {
+    /// No file.
+    Nothing,
+    /// A file.
+    Object(ObjectEntry),
+    /// A folder, or an unreadable file.
+    NoFile,
+}
+
 /// An object as a listing shows it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ObjectEntry {
@@ -53,23 +64,46 @@ impl Library {
     ) -> Result<(ContentHash, Put), LibraryError> {
         let hash = ContentHash::of(&bytes);
         let path = object_path(&hash);
-        let put = match self.entry(&path).await? {
-            None => Put::Stored,
-            Some(entry) if entry.bytes != bytes.len() as u64 => Put::Healed,
-            Some(_) if !self.holds(&path, &bytes).await? => Put::Healed,
-            Some(entry) => {
-                if now_secs() - entry.written_secs <= renew_after_secs {
-                    return Ok((hash, Put::Known));
-                }
-                Put::Known
-            }
-        };
-        // Overwriting is atomic, and a racing writer of the same name writes the same bytes.
-        self.write(&path, bytes).await?;
+        let holds = self.holds(&path, &bytes);
+        let weighed = self.weigh(&path, bytes.len() as u64, renew_after_secs, holds);
+        let (put, is_sent) = weighed.await?;
+        if is_sent {
+            // Overwriting is atomic, and a racing writer of the same name writes the same bytes.
+            self.write(&path, bytes).await?;
+        }
         Ok((hash, put))
     }
 
+    /// Result of putting an object of `bytes` at `path`, and whether it has to be written; `holds`
+    /// compares the stored bytes.
+    pub(super) async fn weigh(
+        &self,
+        path: &Path,
+        bytes: u64,
+        renew_after_secs: i64,
+        holds: impl Future<Output = Result<bool, LibraryError>>,
+    ) -> Result<(Put, bool), LibraryError> {
+        let entry = match self.found(path).await? {
+            Found::Nothing => return Ok((Put::Stored, true)),
+            Found::NoFile => return Ok((Put::Healed, true)),
+            Found::Object(entry) => entry,
+        };
+        let is_whole = match entry.bytes == bytes {
+            true => match holds.await {
+                Err(error) if error.is_damage() => false,
+                held => held?,
+            },
+            false => false,
+        };
+        let is_old = now_secs() - entry.written_secs > renew_after_secs;
+        Ok(match is_whole {
+            true => (Put::Known, is_old),
+            false => (Put::Healed, true),
+        })
+    }
+
     pub(super) async fn write(&self, path: &Path, bytes: Bytes) -> Result<(), LibraryError> {
+        self.clear_way(path)?;
         self.store
             .put(path, PutPayload::from_bytes(bytes))
             .await
@@ -243,6 +277,26 @@ impl Library {
             Ok(meta) => Ok(Some(ObjectEntry::of(meta, object_path))),
             Err(object_store::Error::NotFound { .. }) => Ok(None),
             Err(error) => Err(self.store_error(path, error)),
+        }
+    }
+
+    /// Finds the file at `path`.
+    pub(super) async fn found(&self, path: &Path) -> Result<Found, LibraryError> {
+        match self.entry(path).await {
+            Ok(Some(entry)) => Ok(Found::Object(entry)),
+            Ok(None) if self.has_obstacle(path) => Ok(Found::NoFile),
+            Ok(None) => Ok(Found::Nothing),
+            Err(error) if error.is_damage() => Ok(Found::NoFile),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Whether an object is there and its bytes match its hash.
+    pub(super) async fn is_whole(&self, hash: &ContentHash) -> Result<bool, LibraryError> {
+        match self.check_object(hash).await {
+            Ok(_) => Ok(true),
+            Err(error) if error.is_damage() || error.is_missing() => Ok(false),
+            Err(error) => Err(error),
         }
     }
 

@@ -28,6 +28,15 @@ impl Reach {
         self.objects.extend(other.objects);
     }
 
+    pub(super) fn insert(&mut self, hash: ContentHash) {
+        self.objects.insert(hash);
+    }
+
+    /// Whether all of them are needed.
+    pub(super) fn contains_all(&self, hashes: &[ContentHash]) -> bool {
+        hashes.iter().all(|hash| self.contains(hash))
+    }
+
     /// Whether the object is needed.
     pub fn contains(&self, hash: &ContentHash) -> bool {
         self.objects.contains(hash)

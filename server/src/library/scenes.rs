@@ -1,15 +1,16 @@
 //! Named references: the only things in a library that change.
 
 use std::collections::BTreeSet;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
-use futures_util::{StreamExt, TryStreamExt, stream};
+use futures_util::{Stream, StreamExt, TryStreamExt, stream};
 use lodestream_format::library::{SCENES, SceneReference, scene_path};
 use lodestream_format::wire::{SceneEntry, ScenesPage};
 use lodestream_format::{ContentHash, FormatError};
 use object_store::path::Path;
-use object_store::{ObjectStoreExt, PutMode, PutPayload, UpdateVersion};
+use object_store::{ObjectMeta, ObjectStoreExt, PutMode, PutPayload, UpdateVersion};
 
-use super::objects::now_secs;
+use super::objects::{Found, now_secs};
 use super::{Library, LibraryError};
 
 /// References read at once while a page of the list is made.
@@ -29,6 +30,21 @@ pub enum Replaces {
     Nothing,
     /// This scene: of publications at the same time that replace it one counts, the others fail.
     Scene(ContentHash),
+}
+
+/// A scene in a list.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct ListedScene {
+    pub name: Box<str>,
+    /// Changes with the reference; nothing where the store does not tell.
+    version: Option<u64>,
+}
+
+impl ListedScene {
+    /// Whether `later` has the same reference for certain.
+    pub(crate) fn is_unchanged(&self, later: &Self) -> bool {
+        self.version.is_some() && self == later
+    }
 }
 
 impl Library {
@@ -98,6 +114,7 @@ impl Library {
                 }
             }
         };
+        self.clear_way(path)?;
         match self.store.put_opts(path, json, mode.into()).await {
             Ok(_) => Ok(()),
             Err(object_store::Error::AlreadyExists { .. }) => {
@@ -175,10 +192,10 @@ impl Library {
     /// Takes the name away; its objects stay until `gc`.
     pub async fn remove(&self, name: &str) -> Result<(), LibraryError> {
         let path = reference_path(name)?;
-        if self.entry(&path).await?.is_none() {
-            return Err(self.no_scene(name));
+        match self.found(&path).await? {
+            Found::Nothing => Err(self.no_scene(name)),
+            Found::Object(_) | Found::NoFile => self.delete(&path).await,
         }
-        self.delete(&path).await
     }
 
     fn no_scene(&self, name: &str) -> LibraryError {
@@ -194,18 +211,8 @@ impl Library {
         after: Option<&str>,
         limit: usize,
     ) -> Result<ScenesPage, LibraryError> {
-        self.visible_scenes(after, limit, |_| true).await
-    }
-
-    /// The same, of those scenes that `may_see` lets through.
-    pub async fn visible_scenes(
-        &self,
-        after: Option<&str>,
-        limit: usize,
-        may_see: impl Fn(&str) -> bool,
-    ) -> Result<ScenesPage, LibraryError> {
         let most = limit.saturating_add(1);
-        let mut names = self.names(after, most, may_see).await?;
+        let mut names = self.scene_names(after, most).await?;
         let more = names.len() > limit;
         names.truncate(limit);
         let next = names.last().filter(|_| more).cloned();
@@ -237,9 +244,13 @@ impl Library {
         {
             return Ok(());
         }
-        let path = reference_path(name)?;
+        Err(self.listed_but_gone(name))
+    }
+
+    /// The error of a scene that the store lists and does not give.
+    pub(crate) fn listed_but_gone(&self, name: &str) -> LibraryError {
         let error = FormatError::new("scene reference", "what the store lists", "none");
-        Err(self.damaged(path.as_ref(), error))
+        self.damaged(format!("{SCENES}/{name}"), error)
     }
 
     /// The first `limit` names after `after`, in byte order. Files that no scene can be named are passed over.
@@ -248,33 +259,58 @@ impl Library {
         after: Option<&str>,
         limit: usize,
     ) -> Result<Vec<String>, LibraryError> {
-        self.names(after, limit, |_| true).await
-    }
-
-    async fn names(
-        &self,
-        after: Option<&str>,
-        limit: usize,
-        may_see: impl Fn(&str) -> bool,
-    ) -> Result<Vec<String>, LibraryError> {
-        let folder = Path::from(SCENES);
-        let mut listed = self.store.list(Some(&folder));
+        let mut listed = std::pin::pin!(self.listed(after));
         let mut names = BTreeSet::new();
         // Stores list in any order: the smallest names are kept while the rest goes by.
-        while let Some(meta) = listed.next().await {
-            let meta = meta.map_err(|error| self.store_error(&folder, error))?;
-            let Some(name) = meta.location.filename() else {
-                continue;
-            };
-            let ours = reference_path(name).is_ok_and(|path| path == meta.location);
-            if ours && after.is_none_or(|after| name > after) && may_see(name) {
-                names.insert(name.to_owned());
+        while let Some((name, _)) = listed.try_next().await? {
+            if after.is_none_or(|after| *name > *after) {
+                names.insert(name);
                 if names.len() > limit {
                     names.pop_last();
                 }
             }
         }
         Ok(names.into_iter().collect())
+    }
+
+    /// All scenes by name, without what they point at.
+    pub(crate) async fn listed_scenes(&self) -> Result<Vec<ListedScene>, LibraryError> {
+        let scenes = self.listed(None).map_ok(|(name, meta)| {
+            let mut hasher = DefaultHasher::new();
+            let version = meta.e_tag.map(|tag| {
+                tag.hash(&mut hasher);
+                hasher.finish()
+            });
+            ListedScene {
+                name: name.into(),
+                version,
+            }
+        });
+        let mut scenes: Vec<_> = scenes.try_collect().await?;
+        scenes.sort_unstable_by(|a, b| a.name.cmp(&b.name));
+        Ok(scenes)
+    }
+
+    /// The references, in any order; where `after` is a name some or all of those up to it may be
+    /// left out.
+    fn listed(
+        &self,
+        after: Option<&str>,
+    ) -> impl Stream<Item = Result<(String, ObjectMeta), LibraryError>> + Send + '_ {
+        let folder = Path::from(SCENES);
+        let listed = match after.and_then(|after| reference_path(after).ok()) {
+            Some(after) => self.store.list_with_offset(Some(&folder), &after),
+            None => self.store.list(Some(&folder)),
+        };
+        listed.filter_map(move |meta| {
+            let named = meta.map(|meta| {
+                let name = meta.location.filename()?.to_owned();
+                let ours = reference_path(&name).is_ok_and(|path| path == meta.location);
+                ours.then_some((name, meta))
+            });
+            let named = named.map_err(|error| self.store_error(&folder, error));
+            std::future::ready(named.transpose())
+        })
     }
 
     /// Whether the store answers.

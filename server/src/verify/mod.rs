@@ -23,6 +23,8 @@ pub struct VerifyReport {
     pub objects: u64,
     /// Bytes of the objects.
     pub bytes: u64,
+    /// Build records; 0 where only one scene is checked.
+    pub records: u64,
     /// Pages parsed.
     pub pages: u64,
     /// Clusters in them.
@@ -60,6 +62,10 @@ pub fn verify(
     }
     if scene.is_none() {
         verifier.orphans()?;
+        verifier.records()?;
+        for error in runtime.block_on(library.no_files())? {
+            verifier.fault(error);
+        }
     }
     Ok(verifier.report)
 }
@@ -154,6 +160,18 @@ impl Verifier<'_> {
         self.object(&texture.object, |library, bytes| {
             texture::check(texture, bytes).map_err(|error| library.damaged(path, error))
         });
+    }
+
+    /// Checks build records against their own hashes; their objects may be missing.
+    fn records(&mut self) -> Result<(), LibraryError> {
+        let listed: Vec<_> = self.runtime.block_on(self.library.builds().try_collect())?;
+        for key in listed.into_iter().filter_map(|entry| entry.hash) {
+            self.report.records += 1;
+            if let Err(error) = self.runtime.block_on(self.library.check_build(&key)) {
+                self.fault(error);
+            }
+        }
+        Ok(())
     }
 
     /// Hashes what no scene led to.

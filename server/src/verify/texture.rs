@@ -1,6 +1,6 @@
 //! A texture object against what its scene says of it.
 
-use image::{ImageFormat, ImageReader};
+use image::ImageFormat;
 use lodestream_format::FormatError;
 use lodestream_format::scene::{MediaType, Texture};
 
@@ -17,8 +17,7 @@ pub(super) fn check(texture: &Texture, bytes: &[u8]) -> Result<(), FormatError> 
         MediaType::Png => ImageFormat::Png,
         MediaType::Jpeg => ImageFormat::Jpeg,
     };
-    let found = ImageReader::with_format(std::io::Cursor::new(bytes), format)
-        .into_dimensions()
+    let found = crate::import::dimensions(format, bytes)
         .map_err(|error| FormatError::new("texture", format!("a {format:?} image"), error))?;
     let expected = (texture.width, texture.height);
     if found != expected {

@@ -5,7 +5,7 @@ use lodestream_format::asset::PageEntry;
 use lodestream_format::grid::Grid;
 use lodestream_format::scene::{Instance, SceneAsset};
 use lodestream_format::{Aabb, Asset, ContentHash, Scene};
-use lodestream_server::library::Library;
+use lodestream_server::library::{BuildRecord, Library};
 
 /// An asset in a library.
 #[derive(Debug, Clone)]
@@ -127,4 +127,16 @@ pub async fn scene(library: &Library, name: &str, assets: &[Made]) -> ContentHas
 /// Stores an object.
 pub async fn put(library: &Library, bytes: Bytes) -> ContentHash {
     library.put_object(bytes, 60).await.expect("stores").0
+}
+
+/// The record of a build that gave it.
+pub fn record_of(made: &Made) -> BuildRecord<u32> {
+    BuildRecord {
+        asset: made.hash,
+        hierarchy: made.asset.hierarchy,
+        hierarchy_bytes: made.hierarchy.len() as u64,
+        pack: made.asset.pack,
+        pack_bytes: made.pack.len() as u64,
+        report: 7,
+    }
 }

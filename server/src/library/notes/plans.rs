@@ -13,9 +13,9 @@ use object_store::path::Path;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{Library, LibraryError, ObjectEntry};
+use crate::library::{Library, LibraryError, ObjectEntry};
 
-const PLANS: &str = "plans";
+pub(in crate::library) const PLANS: &str = "plans";
 
 /// A plan as the library sees it; `P` is what its jobs read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -70,7 +70,7 @@ impl Library {
     }
 
     /// Every file below `plans/`.
-    pub(super) async fn plans(&self) -> Result<Vec<ObjectEntry>, LibraryError> {
+    pub(in crate::library) async fn plans(&self) -> Result<Vec<ObjectEntry>, LibraryError> {
         let folder = Path::from(PLANS);
         self.store
             .list(Some(&folder))

@@ -3,14 +3,23 @@
 //! A note is a line with the hash of the rest, then JSON. It can be lost without loss of a scene, so whoever reads one that is
 //! damaged goes on without it and says so.
 
+mod builds;
+mod plans;
+
+use bytes::Bytes;
 use lodestream_format::{ContentHash, FormatError};
+use object_store::ObjectStoreExt;
 use object_store::path::Path;
-use object_store::{ObjectStoreExt, PutPayload};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::objects::now_secs;
 use super::{Library, LibraryError};
+
+pub(super) use builds::{BUILDS, build_path};
+pub use builds::{BuildRecord, Check};
+pub(super) use plans::PLANS;
+pub use plans::PlanNote;
 
 impl Library {
     /// Writes a note, atomically.
@@ -23,11 +32,7 @@ impl Library {
             self.damaged(path.as_ref(), FormatError::new("note", "to encode", error))
         })?;
         let text = format!("{}\n{json}\n", ContentHash::of(json.as_bytes()));
-        self.store
-            .put(path, PutPayload::from(text))
-            .await
-            .map_err(|error| self.store_error(path, error))?;
-        Ok(())
+        self.write(path, text.into()).await
     }
 
     /// Reads a note; `None` where there is none.
@@ -38,6 +43,14 @@ impl Library {
         &self,
         path: &Path,
     ) -> Result<Option<T>, LibraryError> {
+        Ok(self.note_bytes(path).await?.map(|(note, _)| note))
+    }
+
+    /// The same, with its bytes.
+    pub(super) async fn note_bytes<T: DeserializeOwned>(
+        &self,
+        path: &Path,
+    ) -> Result<Option<(T, Bytes)>, LibraryError> {
         let bytes = match self.store.get(path).await {
             Ok(found) => found.bytes().await,
             Err(error) => Err(error),
@@ -47,9 +60,8 @@ impl Library {
             Err(object_store::Error::NotFound { .. }) => return Ok(None),
             Err(error) => return Err(self.store_error(path, error)),
         };
-        parse(&bytes)
-            .map(Some)
-            .map_err(|error| self.damaged(path.as_ref(), error))
+        let note = parse(&bytes).map_err(|error| self.damaged(path.as_ref(), error))?;
+        Ok(Some((note, bytes)))
     }
 
     /// Makes a note young again where it is older than `renew_after_secs`: `gc` then spares what it names.
