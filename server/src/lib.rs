@@ -2,6 +2,7 @@
 
 pub mod build;
 pub mod cli;
+pub mod confine;
 pub mod export;
 pub mod http;
 pub mod import;

@@ -4,135 +4,31 @@
 
 mod support;
 
-use std::io::{BufRead, BufReader};
-use std::path::PathBuf;
-use std::process::{Child, Stdio};
-
 use futures_util::StreamExt;
-use reqwest::{Response, StatusCode};
+use reqwest::StatusCode;
 use serde_json::Value;
-use support::binary::{command, ok};
 use support::server::{client, client_h2, header};
-
-const TOKEN: &str = "a-token-of-this-test";
-
-struct Serving {
-    child: Child,
-    url: String,
-    folder: tempfile::TempDir,
-}
-
-impl Drop for Serving {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Serving {
-    fn start(arguments: &[&str]) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-        std::fs::write(path("tokens"), format!("# ours\n{TOKEN}\n")).unwrap();
-        std::fs::create_dir(path("scratch")).unwrap();
-        // A library that is there: serving makes none.
-        std::fs::write(path("base.obj"), sheet(4)).unwrap();
-        let library = path("library");
-        ok(&[
-            "ingest",
-            &path("base.obj"),
-            "--library",
-            &library,
-            "--scene",
-            "base",
-            "-q",
-        ]);
-        let mut child = command(&["serve", "--library", &library, "--listen", "127.0.0.1:0"])
-            .args(["--upload-tokens", &path("tokens")])
-            .args(["--upload-scratch", &path("scratch")])
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.as_mut().unwrap())
-            .read_line(&mut line)
-            .unwrap();
-        let url = line
-            .trim()
-            .strip_prefix("listening on ")
-            .unwrap()
-            .to_owned();
-        Self { child, url, folder }
-    }
-
-    async fn put(
-        &self,
-        path: &str,
-        token: Option<&str>,
-        body: impl Into<reqwest::Body>,
-    ) -> Response {
-        let mut request = client().put(format!("{}{path}", self.url)).body(body);
-        if let Some(token) = token {
-            request = request.bearer_auth(token);
-        }
-        request.send().await.unwrap()
-    }
-
-    /// What lies where models are on their way.
-    fn scratch(&self) -> Vec<PathBuf> {
-        let files = std::fs::read_dir(self.folder.path().join("scratch")).unwrap();
-        files.map(|file| file.unwrap().path()).collect()
-    }
-}
-
-/// A waved sheet of `2 n n` triangles as .obj.
-fn sheet(n: u32) -> String {
-    let mut text = String::new();
-    for at in 0..(n + 1) * (n + 1) {
-        let (x, z) = (at % (n + 1), at / (n + 1));
-        text += &format!(
-            "v {x} {} {z}\n",
-            (0.3 * f64::from(x)).sin() * (0.2 * f64::from(z)).cos()
-        );
-    }
-    for at in (1..=(n + 1) * n).filter(|at| at % (n + 1) != 0) {
-        text += &format!(
-            "f {at} {} {}\nf {} {} {}\n",
-            at + n + 1,
-            at + 1,
-            at + 1,
-            at + n + 1,
-            at + n + 2
-        );
-    }
-    text
-}
-
-/// Events of an answer, by name.
-fn events(text: &str) -> Vec<(String, Value)> {
-    let event = |block: &str| {
-        let (name, data) = block.split_once('\n')?;
-        let name = name.strip_prefix("event: ")?.to_owned();
-        Some((
-            name,
-            serde_json::from_str(data.strip_prefix("data: ")?).ok()?,
-        ))
-    };
-    text.split("\n\n").filter_map(event).collect()
-}
+use support::uploads::{Serving, TOKEN, events, sheet};
 
 #[tokio::test]
 async fn a_model_becomes_a_scene_and_says_how_far_it_is() {
     let server = Serving::start(&[]);
     for (client, scene) in [(client(), "first"), (client_h2(), "second")] {
         let url = format!("{}/v1/scenes/{scene}?kind=obj", server.url);
+        let shown = || {
+            client
+                .get(format!("{}/v1/scenes/{scene}", server.url))
+                .send()
+        };
+        assert_eq!(shown().await.unwrap().status(), StatusCode::NOT_FOUND);
+        assert!(!scenes(&server).await.to_string().contains(scene));
         let put = client.put(url).bearer_auth(TOKEN).body(sheet(100));
         let answer = put.send().await.unwrap();
         assert_eq!(answer.status(), StatusCode::OK);
         assert_eq!(header(&answer, "content-type"), "text/event-stream");
         let events = events(&answer.text().await.unwrap());
+        let list = scenes(&server).await.to_string();
+        assert!(list.contains(scene), "at once, whatever was listed before");
         let names: Vec<&str> = events.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(
             (names[0], names[names.len() - 1]),
@@ -145,6 +41,7 @@ async fn a_model_becomes_a_scene_and_says_how_far_it_is() {
                 .all(|name| *name == "progress")
         );
         assert_eq!(events[events.len() - 1].1["input_triangles"], 20_000);
+        assert_eq!(shown().await.unwrap().status(), StatusCode::OK, "at once");
         if scene == "first" {
             // The second finds what the first built.
             let (_, last) = &events[events.len() - 2];
@@ -156,7 +53,7 @@ async fn a_model_becomes_a_scene_and_says_how_far_it_is() {
         let shown = client.get(format!("{}/v1/scenes/{scene}/open", server.url));
         assert_eq!(shown.send().await.unwrap().status(), StatusCode::OK);
     }
-    assert!(server.scratch().is_empty(), "{:?}", server.scratch());
+    assert_eq!(server.on_their_way(), Vec::<std::path::PathBuf>::new());
 }
 
 #[tokio::test]
@@ -227,7 +124,7 @@ async fn who_has_no_token_or_sends_what_is_no_model_changes_nothing() {
         assert!(said.contains(words), "{kind}: {said}");
     }
     assert_eq!(scenes(&server).await, before);
-    assert!(server.scratch().is_empty(), "{:?}", server.scratch());
+    assert_eq!(server.on_their_way(), Vec::<std::path::PathBuf>::new());
 }
 
 async fn scenes(server: &Serving) -> Value {

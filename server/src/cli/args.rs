@@ -9,6 +9,7 @@ use super::config;
 use super::values::{self, Step};
 use crate::build::Placement;
 use crate::http::DEFAULT_CACHE_BYTES;
+use crate::import::MAX_IMAGE_PIXELS;
 use crate::library::Replaces;
 
 /// Model files become scenes in a library, and HTTP serves them.
@@ -43,9 +44,9 @@ pub(super) enum Command {
     Show(ShowArgs),
     /// Take a scene's name away; its objects stay until gc.
     Remove(SceneArgs),
-    /// Remove the objects that no scene needs.
+    /// Remove objects that no scene needs, and staged files of killed writers.
     Gc(GcArgs),
-    /// Bring scenes to another library: only what is missing there; again after an interruption.
+    /// Copy scenes to another library; sends only objects that are missing or damaged there.
     Copy(CopyArgs),
     /// Re-hash and re-parse everything; exit 1 on any fault.
     Verify(VerifyArgs),
@@ -97,9 +98,13 @@ pub(super) struct IngestArgs {
     /// Compression of the pages: zstd, lz4 or none.
     #[arg(long, value_name = "CODEC", default_value = "zstd", value_parser = values::codec)]
     pub codec: Codec,
-    /// Build also the meshes that the library holds already, built with the same options; mends what verify finds damaged.
+    /// Build also the meshes that the library holds already, built with the same options.
     #[arg(long)]
     pub rebuild: bool,
+    /// Reuse stored objects on their length alone. By default they are read and hashed, and
+    /// damaged ones are built anew.
+    #[arg(long, conflicts_with = "rebuild")]
+    pub trust_lengths: bool,
     /// Only store a plan, under the scene's name, that deals the meshes to --jobs jobs; build and publish nothing.
     #[arg(long, requires = "jobs", conflicts_with_all = ["job", "finish", "rebuild"])]
     pub plan: bool,
@@ -109,12 +114,28 @@ pub(super) struct IngestArgs {
     /// Refuse inputs with more triangles, each mesh counted once.
     #[arg(long, value_name = "N", conflicts_with_all = ["job", "finish"])]
     pub max_triangles: Option<u64>,
+    /// Open no file but the inputs: refuse geometry in other files, leave out their images and
+    /// materials.
+    #[arg(long, conflicts_with = "finish")]
+    pub self_contained: bool,
+    /// Leave out images of more pixels, width times height, than this; all images of an input may
+    /// have 16 times as many.
+    #[arg(long, value_name = "N", default_value_t = MAX_IMAGE_PIXELS, conflicts_with_all = ["job", "finish"])]
+    pub max_image_pixels: u64,
     /// Publish only if the name still points at this scene (its hash, as show and PUT tell it), or at none; fails otherwise.
     #[arg(long, value_name = "SCENE|none", default_value = "anything", hide_default_value = true, value_parser = values::replaces, conflicts_with_all = ["plan", "job", "finish"])]
     pub replaces: Replaces,
     /// Tell progress as lines of JSON on standard output.
     #[arg(long)]
     pub progress_json: bool,
+    /// Give up all rights before the input is opened: more private memory than BYTES, the network
+    /// (but for a library on S3), other programs, and all files but the inputs' folders, the
+    /// library, the scratch folder and the report. Linux only.
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
+    pub confine: Option<u64>,
+    /// End when standard input ends: for a program that starts this one and may be killed.
+    #[arg(long)]
+    pub end_with_stdin: bool,
     /// Build the meshes of one job of the plan, from 0; auto takes SLURM_ARRAY_TASK_ID or JOB_COMPLETION_INDEX.
     #[arg(long, value_name = "I|auto", value_parser = values::job, allow_negative_numbers = true, conflicts_with_all = ["finish", "position_step", "placement", "codec"])]
     pub job: Option<u32>,
@@ -124,6 +145,25 @@ pub(super) struct IngestArgs {
     /// Write what was done as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    #[command(flatten)]
+    pub private: PrivateArgs,
+}
+
+/// File modes of the library.
+#[derive(Debug, Args)]
+pub(super) struct PrivateArgs {
+    /// Let no other user of this machine read the library: new files and folders get modes 0600
+    /// and 0700, its root folder 0700.
+    #[arg(
+        long,
+        env = "LODESTREAM_PRIVATE",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        default_value_t = false,
+        action = ArgAction::Set
+    )]
+    pub private: bool,
 }
 
 /// Options of `serve`.
@@ -149,10 +189,26 @@ pub(super) struct ServeArgs {
     /// Most requests a second of one client (an address); more are answered with 429
     #[arg(long, env = "LODESTREAM_CLIENT_REQUESTS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub client_requests: Option<u32>,
-    /// Most connections of one client at once; more are closed
+    /// Most connections of one client at once; beyond them its longest idle one goes, or else the
+    /// new one. By default three quarters of all connections, which are as many as the system has
+    /// open files for (ulimit -Hn), 16384 at most.
     #[arg(long, env = "LODESTREAM_CLIENT_CONNECTIONS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub client_connections: Option<u32>,
-    /// Who may read which scenes: lines of TOKEN SCENE..., where a scene may end with *. Scenes on no line are open to all.
+    /// Web pages of these origins alone may show answers (https://viewer.example), several with
+    /// commas between; those of all by default.
+    #[arg(
+        long = "cors-origin",
+        env = "LODESTREAM_CORS_ORIGINS",
+        value_name = "ORIGIN",
+        value_delimiter = ','
+    )]
+    pub cors_origins: Vec<String>,
+    /// Have /metrics on this address and port alone, with the names of all scenes, and not where
+    /// the library is served.
+    #[arg(long, env = "LODESTREAM_METRICS_LISTEN", value_name = "ADDR")]
+    pub metrics_listen: Option<String>,
+    /// Tokens of readers: lines of TOKEN SCENE..., where a scene may end with *. Scenes on no line
+    /// are open to all. Read again when it changes, and on SIGHUP.
     #[arg(long, value_name = "FILE", env = "LODESTREAM_READ_TOKENS")]
     pub read_tokens: Option<PathBuf>,
     /// Log every request on standard error.
@@ -161,7 +217,8 @@ pub(super) struct ServeArgs {
     /// Options of this command as lines of TOML (`listen = "0.0.0.0:80"`); what the command line or the environment says counts instead.
     #[arg(long, value_name = "FILE", env = config::ENV)]
     pub config: Option<PathBuf>,
-    /// Take models (PUT /v1/scenes/NAME) from whoever has one of the tokens in this file, one a line.
+    /// Take models (PUT /v1/scenes/NAME) by the tokens of this file: lines as of --read-tokens. A
+    /// token alone is for all scenes that --read-tokens does not name. Read again as that file is.
     #[arg(long, env = "LODESTREAM_UPLOAD_TOKENS", value_name = "FILE")]
     pub upload_tokens: Option<PathBuf>,
     /// Largest model that is taken.
@@ -185,9 +242,13 @@ pub(super) struct ServeArgs {
         requires = "upload_tokens"
     )]
     pub upload_secs: u64,
-    /// Most memory that a build takes.
+    /// Most private memory that a build takes; the system stops a build that asks for more.
     #[arg(long, env = "LODESTREAM_UPLOAD_MEMORY", value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes, requires = "upload_tokens")]
     pub upload_memory: u64,
+    /// Build models without giving up rights to files, network and memory (ingest --confine), where
+    /// the system cannot take them away.
+    #[arg(long, env = "LODESTREAM_UPLOAD_UNCONFINED", num_args = 0..=1, default_missing_value = "true", default_value_t = false, action = ArgAction::Set, requires = "upload_tokens")]
+    pub upload_unconfined: bool,
     /// Folder for models on their way; the system's folder for temporary files by default.
     #[arg(
         long,
@@ -212,6 +273,8 @@ pub(super) struct ServeArgs {
         requires = "tls_cert"
     )]
     pub tls_key: Option<PathBuf>,
+    #[command(flatten)]
+    pub private: PrivateArgs,
 }
 
 /// A library and nothing else.
@@ -271,6 +334,8 @@ pub(super) struct GcArgs {
     /// Only say what would go.
     #[arg(long)]
     pub dry_run: bool,
+    #[command(flatten)]
+    pub private: PrivateArgs,
 }
 
 /// Options of `copy`.
@@ -279,15 +344,27 @@ pub(super) struct CopyArgs {
     /// The library to read.
     #[arg(value_name = "FROM")]
     pub from: String,
-    /// The library to write; a folder is made where there is none.
+    /// The library to write; made where there is none.
     #[arg(value_name = "TO")]
     pub to: String,
     /// Only this scene; may be given several times.
     #[arg(long = "scene", value_name = "SCENE", value_parser = values::scene_name)]
     pub scenes: Vec<String>,
+    /// Read and hash the objects of TO, and send damaged ones again; exit 1 if FROM lacks one.
+    /// By default an object of the right length counts as whole.
+    #[arg(long)]
+    pub verify: bool,
+    /// Remove scenes from TO that FROM no longer has; gc then removes their objects.
+    #[arg(long, conflicts_with = "scenes")]
+    pub delete: bool,
+    /// Accept a FROM without scenes; with --delete this empties TO.
+    #[arg(long, conflicts_with = "scenes")]
+    pub allow_empty: bool,
     /// Write what was done as JSON.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    #[command(flatten)]
+    pub private: PrivateArgs,
 }
 
 /// Options of `verify`.

@@ -6,11 +6,14 @@ use tokio::runtime::Handle;
 
 use super::args::{Command, CopyArgs, ExportArgs, GcArgs, SceneArgs, VerifyArgs};
 use super::output::{self, line};
+use super::private;
+use crate::confine::ConfineError;
 use crate::export::{self, Detail, ExportError};
+use crate::http::cors::OriginError;
 use crate::http::tls::TlsError;
 use crate::http::tokens::TokensError;
 use crate::ingest::IngestError;
-use crate::library::{GcOptions, Library, LibraryError};
+use crate::library::{CopyOptions, CopyReport, GcOptions, Library, LibraryError};
 use crate::verify;
 
 /// Why a command failed: one line.
@@ -41,8 +44,26 @@ pub(super) enum CommandError {
     },
     #[error(transparent)]
     Tls(#[from] TlsError),
+    #[error("{0}: expected another library than the source, found the same")]
+    SameLibrary(String),
+    #[cfg(not(unix))]
+    #[error("--private: expected a system with modes of files, found none")]
+    NotPrivate,
+    #[error("internal error: {0}")]
+    Internal(String),
+    #[error("--cors-origin: {0}")]
+    Cors(#[from] OriginError),
     #[error("cannot start threads: {0}")]
     Runtime(std::io::Error),
+    #[error(transparent)]
+    Confine(#[from] ConfineError),
+    #[error("{}: cannot hold models on their way: {cause}", folder.display())]
+    Uploads {
+        folder: PathBuf,
+        cause: std::io::Error,
+    },
+    #[error("{cause}; --upload-unconfined takes models without it")]
+    Unconfined { cause: ConfineError },
 }
 
 /// Runs any command but `serve`.
@@ -67,7 +88,7 @@ pub(super) fn run(command: Command, quiet: bool) -> Result<(), CommandError> {
 }
 
 fn remove(handle: &Handle, args: &SceneArgs, quiet: bool) -> Result<(), CommandError> {
-    let library = Library::open(&args.library.library)?;
+    let library = handle.block_on(Library::open_existing(&args.library.library))?;
     handle.block_on(library.remove(&args.scene))?;
     let removed = serde_json::json!({ "removed": args.scene });
     output::report(args.library.report.as_deref(), &removed)?;
@@ -78,7 +99,8 @@ fn remove(handle: &Handle, args: &SceneArgs, quiet: bool) -> Result<(), CommandE
 }
 
 fn gc(handle: &Handle, args: &GcArgs, quiet: bool) -> Result<(), CommandError> {
-    let library = Library::open(&args.library.library)?;
+    let library = handle.block_on(Library::open_existing(&args.library.library))?;
+    private::shut(args.private.private, &library)?;
     let done = handle.block_on(library.gc(GcOptions {
         grace_secs: args.grace_secs,
         dry_run: args.dry_run,
@@ -87,7 +109,8 @@ fn gc(handle: &Handle, args: &GcArgs, quiet: bool) -> Result<(), CommandError> {
     if !quiet {
         let verb = if args.dry_run { "would go" } else { "removed" };
         line(format_args!(
-            "{} objects of {} bytes {verb}, {} live, {} too young; {} build records and {} plans {verb}, {} and {} stay",
+            "{} objects of {} bytes {verb}, {} live, {} too young; {} build records and {} plans {verb}, {} and {} stay; \
+             {} staged files of {} bytes {verb}, {} stay",
             done.removed,
             done.removed_bytes,
             done.live,
@@ -96,35 +119,86 @@ fn gc(handle: &Handle, args: &GcArgs, quiet: bool) -> Result<(), CommandError> {
             done.removed_plans,
             done.records,
             done.plans,
+            done.removed_staged,
+            done.removed_staged_bytes,
+            done.staged,
         ));
     }
     Ok(())
 }
 
 fn copy(handle: &Handle, args: &CopyArgs, quiet: bool) -> Result<(), CommandError> {
-    let source = Library::open(&args.from)?;
-    let target = Library::open_or_create(&args.to)?;
-    let done = handle.block_on(target.copy_from(&source, &args.scenes))?;
+    let source = handle.block_on(Library::open_existing(&args.from))?;
+    if is_same(&args.from, &args.to) {
+        return Err(CommandError::SameLibrary(args.to.clone()));
+    }
+    let target = handle.block_on(Library::open_or_make(&args.to))?;
+    private::shut(args.private.private, &target)?;
+    let options = CopyOptions {
+        scenes: args.scenes.clone(),
+        verify: args.verify,
+        delete: args.delete,
+        allow_empty: args.allow_empty,
+    };
+    let done = handle.block_on(target.copy_from(&source, &options))?;
     output::report(args.report.as_deref(), &done)?;
     if !quiet {
-        line(format_args!(
-            "{} scenes, {} published, {} of {} objects sent, {} bytes",
-            done.scenes, done.published, done.copied, done.objects, done.copied_bytes,
-        ));
+        copied(&done, args.verify);
     }
-    Ok(())
+    for fault in &done.unrepaired {
+        output::error_line(fault);
+    }
+    match done.unrepaired.len() {
+        0 => Ok(()),
+        faults => Err(CommandError::Faults {
+            found: format!("library {}", target.location()),
+            faults,
+        }),
+    }
+}
+
+/// Whether both name one folder, or one place in a store.
+fn is_same(from: &str, to: &str) -> bool {
+    let plain = |location: &str| location.trim_end_matches('/').to_owned();
+    match (std::fs::canonicalize(from), std::fs::canonicalize(to)) {
+        (Ok(from), Ok(to)) => from == to,
+        _ => plain(from) == plain(to),
+    }
+}
+
+fn copied(done: &CopyReport, verified: bool) {
+    line(format_args!(
+        "{} scenes, {} published, {} removed, {} of {} objects sent, {} bytes, {} build records; {} repaired of {} bytes",
+        done.scenes,
+        done.published,
+        done.removed.len(),
+        done.copied,
+        done.objects,
+        done.copied_bytes,
+        done.records,
+        done.repaired.objects,
+        done.repaired.bytes,
+    ));
+    match verified {
+        true => line(format_args!(
+            "{} objects of {} bytes hashed there and whole, {} damaged ones removed that no scene needs",
+            done.verified, done.verified_bytes, done.dropped,
+        )),
+        false => line("objects there of the right length count as whole (--verify hashes them)"),
+    }
 }
 
 fn verify(handle: &Handle, args: &VerifyArgs, quiet: bool) -> Result<(), CommandError> {
-    let library = Library::open(&args.library.library)?;
+    let library = handle.block_on(Library::open_existing(&args.library.library))?;
     let done = verify::verify(handle, &library, args.scene.as_deref())?;
     output::report(args.library.report.as_deref(), &done)?;
     if !quiet || !done.faults.is_empty() {
         line(format_args!(
-            "{} scenes, {} objects, {} bytes, {} pages, {} clusters, {} faults",
+            "{} scenes, {} objects, {} bytes, {} build records, {} pages, {} clusters, {} faults",
             done.scenes,
             done.objects,
             done.bytes,
+            done.records,
             done.pages,
             done.clusters,
             done.faults.len(),
@@ -143,7 +217,7 @@ fn verify(handle: &Handle, args: &VerifyArgs, quiet: bool) -> Result<(), Command
 }
 
 fn export(handle: &Handle, args: &ExportArgs, quiet: bool) -> Result<(), CommandError> {
-    let library = Library::open(&args.scene.library.library)?;
+    let library = handle.block_on(Library::open_existing(&args.scene.library.library))?;
     let detail = match (args.error, args.triangles) {
         (Some(metres), _) => Detail::Error(metres),
         (None, Some(triangles)) => Detail::Triangles(triangles),

@@ -5,11 +5,12 @@ use tokio::runtime::Handle;
 use super::args::IngestArgs;
 use super::commands::CommandError;
 use super::output::{self, line};
+use super::private;
 use crate::build::BuildOptions;
 use crate::ingest::{
     self, IngestError, IngestOptions, IngestReport, JobOptions, PlanReport, ProgressTo,
 };
-use crate::library::Library;
+use crate::library::{Check, Library, Repaired};
 
 /// Runs what the options ask for.
 pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(), CommandError> {
@@ -19,9 +20,11 @@ pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(
         (false, false) => ProgressTo::Terminal,
     };
     let failed = |error: IngestError| CommandError::Ingest(Box::new(error));
+    let check = check(&args);
     if args.finish {
-        let library = Library::open(&args.library)?;
-        let done = ingest::finish(handle, &library, &args.scene, progress).map_err(failed)?;
+        let library = existing(handle, &args)?;
+        let done = ingest::finish(handle, &library, &args.scene, check, progress);
+        let done = done.map_err(failed)?;
         return published(&args, &done, quiet);
     }
     if let Some(job) = args.job {
@@ -30,7 +33,8 @@ pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(
     if args.plan && args.library.starts_with("memory://") {
         return Err(CommandError::PlanInMemory);
     }
-    let library = Library::open_or_create(&args.library)?;
+    let library = handle.block_on(Library::open_or_make(&args.library))?;
+    private::shut(args.private.private, &library)?;
     let options = IngestOptions {
         inputs: args.inputs.clone(),
         scene: args.scene.clone(),
@@ -44,7 +48,10 @@ pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(
         },
         scratch: args.scratch.clone(),
         rebuild: args.rebuild,
+        check,
         max_triangles: args.max_triangles,
+        self_contained: args.self_contained,
+        max_image_pixels: Some(args.max_image_pixels),
         progress,
     };
     match args.jobs {
@@ -61,6 +68,19 @@ pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(
             published(&args, &done, quiet)
         }
     }
+}
+
+fn check(args: &IngestArgs) -> Check {
+    match args.trust_lengths {
+        true => Check::Length,
+        false => Check::Hash,
+    }
+}
+
+fn existing(handle: &Handle, args: &IngestArgs) -> Result<Library, CommandError> {
+    let library = handle.block_on(Library::open_existing(&args.library))?;
+    private::shut(args.private.private, &library)?;
+    Ok(library)
 }
 
 fn published(args: &IngestArgs, done: &IngestReport, quiet: bool) -> Result<(), CommandError> {
@@ -89,7 +109,17 @@ fn published(args: &IngestArgs, done: &IngestReport, quiet: bool) -> Result<(), 
         done.bytes.stored + done.bytes.hierarchy + done.bytes.textures,
         done.seconds.total,
     ));
+    repaired(&done.repaired);
     Ok(())
+}
+
+fn repaired(repaired: &Repaired) {
+    if repaired.objects > 0 {
+        line(format_args!(
+            "{} objects of {} bytes repaired: they were damaged or missing",
+            repaired.objects, repaired.bytes
+        ));
+    }
 }
 
 fn one_job(
@@ -99,8 +129,9 @@ fn one_job(
     progress: ProgressTo,
     quiet: bool,
 ) -> Result<(), CommandError> {
-    let library = Library::open(&args.library)?;
+    let library = existing(handle, &args)?;
     let options = JobOptions {
+        check: check(&args),
         scene: args.scene,
         job,
         inputs: args.inputs,
@@ -108,6 +139,7 @@ fn one_job(
         memory_limit_bytes: args.memory_limit,
         scratch: args.scratch,
         rebuild: args.rebuild,
+        self_contained: args.self_contained,
         progress,
     };
     let done = ingest::job(handle, &library, &options)
@@ -125,6 +157,7 @@ fn one_job(
             done.triangles,
             done.seconds.total,
         ));
+        repaired(&done.repaired);
     }
     Ok(())
 }
@@ -141,6 +174,7 @@ fn planned(library: &str, done: &PlanReport) {
         most.unwrap_or(0),
         done.reusable,
     ));
+    repaired(&done.repaired);
     let idle = done.jobs.iter().filter(|job| job.meshes == 0).count();
     if idle > 0 {
         line(format_args!(

@@ -5,8 +5,11 @@
 mod args;
 mod commands;
 mod config;
+mod confined;
 mod ingest;
 mod output;
+mod panics;
+mod private;
 mod serve;
 mod show;
 mod values;
@@ -34,10 +37,15 @@ pub fn main() -> ExitCode {
     };
     start_log(&cli);
     let quiet = cli.quiet;
-    let done = match cli.command {
+    // Before there are threads: rights are a thread's, and of those that it starts.
+    let begun = private::begin(&cli.command).and_then(|()| match &cli.command {
+        Command::Ingest(args) => confined::give_up_rights(args),
+        _ => Ok(()),
+    });
+    let done = begun.and_then(|()| match cli.command {
         Command::Serve(args) => serve::serve(args),
-        command => commands::run(command, quiet),
-    };
+        command => panics::guarded(|| commands::run(command, quiet)),
+    });
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -10,9 +10,10 @@ pub(super) fn line(text: impl std::fmt::Display) {
     let _ = writeln!(io::stdout().lock(), "{text}");
 }
 
-/// The one line of an error; line breaks of whatever it quotes become spaces.
+/// The one line of an error; line breaks and control characters of whatever it quotes become
+/// spaces.
 pub(super) fn error_line(text: &str) {
-    let line = text.replace(['\n', '\r'], " ");
+    let line = text.replace(char::is_control, " ");
     let _ = writeln!(io::stderr().lock(), "error: {}", line.trim_end());
 }
 

@@ -16,7 +16,7 @@ const READS_AT_ONCE: usize = 16;
 
 /// Lists the scenes.
 pub(super) fn list(handle: &Handle, args: &ListArgs) -> Result<(), CommandError> {
-    let library = Library::open(&args.library.library)?;
+    let library = handle.block_on(Library::open_existing(&args.library.library))?;
     if args.assets {
         return list_assets(handle, args, &library);
     }
@@ -150,7 +150,7 @@ struct AssetRow {
 /// Shows a scene.
 pub(super) fn show(handle: &Handle, args: &ShowArgs) -> Result<(), CommandError> {
     let of = &args.scene.library;
-    let library = Library::open(&of.library)?;
+    let library = handle.block_on(Library::open_existing(&of.library))?;
     let figures = handle.block_on(figures(&library, &args.scene.scene, args.assets))?;
     output::report(of.report.as_deref(), &figures)?;
     for (name, value) in [

@@ -9,6 +9,7 @@ pub mod h2;
 pub mod made;
 pub mod server;
 pub mod stores;
+pub mod uploads;
 pub mod watched;
 
 /// A runtime of two threads for what is not async.
