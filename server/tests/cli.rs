@@ -369,6 +369,8 @@ fn wrong_usage_is_2_and_failures_are_1_in_one_line() {
     ] {
         fails(args, 2, words);
     }
+    let there = text(&ingested().0.path().join("library")).to_owned();
+    let there = there.as_str();
     let none = folder.path().join("none.glb");
     let bad = folder.path().join("bad.glb");
     std::fs::write(&bad, b"glTF but no more").unwrap();
@@ -420,7 +422,7 @@ fn wrong_usage_is_2_and_failures_are_1_in_one_line() {
                 "export",
                 "x",
                 "--library",
-                here,
+                there,
                 "--out",
                 "x.glb",
                 "--source",
@@ -428,7 +430,13 @@ fn wrong_usage_is_2_and_failures_are_1_in_one_line() {
             &["scene x"],
         ),
         (
-            &["serve", "--library", here, "--listen", "127.0.0.1:notaport"],
+            &[
+                "serve",
+                "--library",
+                there,
+                "--listen",
+                "127.0.0.1:notaport",
+            ],
             &["notaport"],
         ),
         (&["serve", "--library", text(&none)], &["none.glb"]),
@@ -449,4 +457,60 @@ fn wrong_usage_is_2_and_failures_are_1_in_one_line() {
     ] {
         assert!(ok(help).contains("lodestream-server"), "{help:?}");
     }
+}
+
+/// An OBJ that names other files, and a glTF whose image claims more pixels than it may.
+#[test]
+fn ingest_bounds_what_a_model_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let library = folder.path().join("library");
+    let report = folder.path().join("report.json");
+    let ingest = |input: &Path, options: &[&str]| {
+        let base = [
+            "ingest",
+            text(input),
+            "--library",
+            text(&library),
+            "--scene",
+            "s",
+        ];
+        run(&[&base[..], &["--report", text(&report)], options].concat())
+    };
+    let warnings = || json(&report)["warnings"].to_string();
+    let obj = folder.path().join("model.obj");
+    std::fs::write(folder.path().join("m.mtl"), "newmtl m\nKd 1 0 0\n").unwrap();
+    std::fs::write(
+        &obj,
+        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n",
+    )
+    .unwrap();
+    assert!(ingest(&obj, &[]).status.success());
+    assert!(!warnings().contains("left out"), "{}", warnings());
+    assert!(ingest(&obj, &["--self-contained"]).status.success());
+    assert!(
+        warnings().contains("libraries left out (--self-contained)"),
+        "{}",
+        warnings()
+    );
+
+    let gltf = folder.path().join("model.gltf");
+    let document = serde_json::json!({
+        "asset": {"version": "2.0"},
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "accessors": [{"componentType": 5126, "count": 3, "type": "VEC3"}],
+        "images": [{"uri": "data:,%89PNG%0d%0a%1a%0a%00%00%00%0dIHDR%00%00%00%09%00%00%00%09"}],
+        "textures": [{"source": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+    });
+    std::fs::write(&gltf, document.to_string()).unwrap();
+    assert!(
+        ingest(&gltf, &["--max-image-pixels", "80"])
+            .status
+            .success()
+    );
+    assert!(
+        warnings().contains("of 9 x 9 pixels left out, above 80 (--max"),
+        "{}",
+        warnings()
+    );
 }

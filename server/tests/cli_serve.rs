@@ -49,6 +49,12 @@ fn serve_with(args: &[&str], variables: &[(&str, &str)]) -> Serving {
     }
 }
 
+/// A library without scenes.
+fn empty_library(folder: &Path) {
+    let library = Library::open(text(folder)).unwrap();
+    runtime().block_on(library.make()).unwrap();
+}
+
 impl Serving {
     fn signal(&self, signal: &str) {
         let kill = Command::new("kill")
@@ -111,6 +117,7 @@ fn serve_ends_cleanly_on_sigterm_and_finishes_what_is_in_flight() {
 #[test]
 fn serve_gives_up_on_a_stuck_connection_after_a_while_and_takes_sigint() {
     let folder = tempfile::tempdir().unwrap();
+    empty_library(folder.path());
     let serving = serve(folder.path());
     serving.signal("-INT");
     assert_eq!(serving.end(Duration::from_secs(5)).0, Some(0));
@@ -129,6 +136,7 @@ fn serve_gives_up_on_a_stuck_connection_after_a_while_and_takes_sigint() {
 #[test]
 fn options_come_from_a_file_then_the_environment_then_the_command_line() {
     let folder = tempfile::tempdir().unwrap();
+    empty_library(folder.path());
     let config = folder.path().join("serve.toml");
     std::fs::write(
         &config,
@@ -214,6 +222,31 @@ fn a_file_that_says_something_else_is_refused_by_name() {
             "{said}"
         );
     }
+}
+
+/// Without uploads a missing library is an error.
+#[test]
+fn a_server_that_takes_uploads_makes_its_library() {
+    let folder = tempfile::tempdir().unwrap();
+    let (library, tokens) = (folder.path().join("new"), folder.path().join("tokens"));
+    std::fs::write(&tokens, "an-uploader-of-this-test\n").unwrap();
+    let args = ["--library", text(&library), "--listen", "127.0.0.1:0"];
+    let refused = command(&["serve"]).args(args).output().unwrap();
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(!library.exists());
+    let uploads = ["--upload-tokens", text(&tokens), "--private"];
+    let serving = serve_with(&[&args[..], &uploads].concat(), &[]);
+    let mode = library.metadata().unwrap().permissions();
+    assert_eq!(
+        std::os::unix::fs::PermissionsExt::mode(&mode) & 0o777,
+        0o700
+    );
+    serving.signal("-TERM");
+    assert_eq!(serving.end(Duration::from_secs(5)).0, Some(0));
+    // Now it is one.
+    let serving = serve(&library);
+    serving.signal("-TERM");
+    assert_eq!(serving.end(Duration::from_secs(5)).0, Some(0));
 }
 
 /// Who has the token sees, opens and reads the scene; who has none does not learn that it is there.

@@ -390,7 +390,8 @@ async fn health_metrics_and_content_types() {
     server.stop().await;
 }
 
-#[tokio::test]
+/// The clock stands still but where it is told, so that a look lasts as long as it should.
+#[tokio::test(start_paused = true)]
 async fn readiness_follows_the_store_and_the_shutdown() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("library");
@@ -405,9 +406,15 @@ async fn readiness_follows_the_store_and_the_shutdown() {
         service.call(request).await.unwrap().status().as_u16()
     };
     assert_eq!(ready().await, 200);
+    let next_look = || tokio::time::advance(std::time::Duration::from_millis(1001));
     std::fs::remove_dir(&path).unwrap();
+    // However many ask, it is looked once a second.
+    assert_eq!(ready().await, 200);
+    next_look().await;
     assert_eq!(ready().await, 503);
     std::fs::create_dir(&path).unwrap();
+    assert_eq!(ready().await, 503);
+    next_look().await;
     assert_eq!(ready().await, 200);
     state.drain();
     assert_eq!(ready().await, 503);

@@ -63,30 +63,45 @@ async fn a_client_has_so_many_connections_and_no_more() {
         connections: Some(2),
     };
     let server = Running::start_limited(library, limits).await;
-    let ask = async |stream: &mut TcpStream| {
-        let request = b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n";
+    let connect = async || TcpStream::connect(server.address).await.unwrap();
+    let say = async |stream: &mut TcpStream, words: &str| {
         // A closed connection may say so at either.
-        if stream.write_all(request).await.is_err() {
-            return 0;
+        if stream.write_all(words.as_bytes()).await.is_err() {
+            return String::new();
         }
         let mut bytes = [0; 1024];
-        stream.read(&mut bytes).await.unwrap_or(0)
+        let read = stream.read(&mut bytes).await.unwrap_or(0);
+        String::from_utf8_lossy(&bytes[..read]).into_owned()
     };
-    let connect = async || TcpStream::connect(server.address).await.unwrap();
+    let ask = async |stream: &mut TcpStream| {
+        let answer = say(stream, "GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n").await;
+        answer.starts_with("HTTP/1.1 200")
+    };
+    // In use until its body comes; the server says that it waits for it.
+    let begin = async |stream: &mut TcpStream| {
+        let post = "POST /v1/pages HTTP/1.1\r\nHost: x\r\nContent-Length: 40\r\n";
+        let answer = say(stream, &format!("{post}Expect: 100-continue\r\n\r\n")).await;
+        assert!(answer.starts_with("HTTP/1.1 100"), "{answer}");
+    };
     let (mut first, mut second) = (connect().await, connect().await);
-    assert!(ask(&mut first).await > 0 && ask(&mut second).await > 0);
-    assert_eq!(ask(&mut connect().await).await, 0);
-    assert!(ask(&mut first).await > 0);
-    drop(second);
-    // The server has to notice first.
+    begin(&mut first).await;
+    begin(&mut second).await;
+    assert!(!ask(&mut connect().await).await, "both are in use");
+    second.write_all(&[b' '; 40]).await.unwrap();
+    let mut answer = [0; 1024];
+    assert!(second.read(&mut answer).await.unwrap() > 0);
+    // The one that is not makes room; the server has to notice that first.
     for attempt in 0.. {
-        if ask(&mut connect().await).await > 0 {
+        if ask(&mut connect().await).await {
             break;
         }
-        assert!(attempt < 200, "no connection after one has gone");
+        assert!(attempt < 200, "no connection beside an idle one");
         tokio::time::sleep(std::time::Duration::from_millis(10)).await;
     }
-    drop(first);
+    while second.read(&mut answer).await.is_ok_and(|read| read > 0) {}
+    first.write_all(&[b' '; 40]).await.unwrap();
+    let read = first.read(&mut answer).await.unwrap();
+    assert!(answer[..read].starts_with(b"HTTP/1.1 400"), "still there");
     server.stop().await;
 }
 

@@ -15,6 +15,32 @@ use tokio::sync::oneshot;
 
 const NAME: &str = "library.test";
 
+const HTTP1: &[u8] = b"GET /healthz HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n";
+/// The preface, no settings, and a frame that ends the connection (GOAWAY).
+const HTTP2: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0\
+    \0\0\x08\x07\0\0\0\0\0\0\0\0\0\0\0\0\0";
+/// The head of a frame that takes the other side's settings.
+const ACK: [u8; 9] = [0, 0, 0, 4, 1, 0, 0, 0, 0];
+
+/// A connection that offers these protocols.
+async fn speak(
+    trusted: &rcgen::Certificate,
+    address: std::net::SocketAddr,
+    protocols: &[&[u8]],
+) -> tokio_rustls::client::TlsStream<tokio::net::TcpStream> {
+    let mut roots = rustls::RootCertStore::empty();
+    roots.add(trusted.der().clone()).unwrap();
+    let config = rustls::ClientConfig::builder().with_root_certificates(roots);
+    let mut config = config.with_no_client_auth();
+    config.alpn_protocols = protocols.iter().map(|name| name.to_vec()).collect();
+    let connector = tokio_rustls::TlsConnector::from(std::sync::Arc::new(config));
+    let stream = tokio::net::TcpStream::connect(address).await.unwrap();
+    connector
+        .connect(NAME.try_into().unwrap(), stream)
+        .await
+        .unwrap()
+}
+
 #[tokio::test]
 async fn pages_come_over_tls_in_both_versions() {
     support::server::client();
@@ -71,6 +97,26 @@ async fn pages_come_over_tls_in_both_versions() {
     // A TLS alert and the end, or a reset.
     let _ = plain.read_to_end(&mut answer).await;
     assert!(!answer.starts_with(b"HTTP"), "{answer:?}");
+
+    for (agreed, said, is_answered) in [
+        (&[&b"h2"[..]][..], HTTP1, false),
+        (&[b"http/1.1"], HTTP2, false),
+        (&[], HTTP2, false),
+        (&[b"h2"], HTTP2, true),
+        (&[b"http/1.1"], HTTP1, true),
+        (&[], HTTP1, true),
+    ] {
+        let mut spoken = speak(&made.cert, address, agreed).await;
+        spoken.write_all(said).await.unwrap();
+        let mut answer = vec![];
+        // Over once the server is done with it, in one way or another.
+        let read = spoken.read_to_end(&mut answer).await;
+        let is_ok = match said == HTTP1 {
+            true => answer.starts_with(b"HTTP/1.1 200"),
+            false => answer.windows(ACK.len()).any(|frame| frame == ACK),
+        };
+        assert_eq!(is_ok, is_answered, "{agreed:?} {read:?} {answer:?}");
+    }
 
     drop(stop);
     drop(clients);

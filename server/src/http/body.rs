@@ -42,10 +42,9 @@ pub(super) async fn range_body(
         return Ok(Body::from(room.keep(bytes)));
     }
     let (state, hash) = (state.clone(), *hash);
-    let hasher = is_whole.then(ContentHasher::default);
     Ok(streamed(stream::try_unfold(
-        (range.start, hasher),
-        move |(at, mut hasher)| {
+        (range.start, None),
+        move |(at, hasher)| {
             let state = state.clone();
             async move {
                 if at >= range.end {
@@ -55,12 +54,15 @@ pub(super) async fn range_body(
                 let end = range.end.min(at + PIECE_BYTES);
                 let room = shared.pages.room(end - at).await;
                 let piece = room.keep(shared.library.object_range(&hash, at..end).await?);
+                // Made when there is something to hash, and boxed: an answer that waits is small.
+                let mut hasher: Option<Box<ContentHasher>> =
+                    hasher.or_else(|| is_whole.then(Box::default));
                 if let Some(hasher) = &mut hasher {
                     hasher.update(&piece);
                     if end == range.end {
                         shared
                             .library
-                            .check_hash(&hash, std::mem::take(hasher), end)?;
+                            .check_hash(&hash, std::mem::take(&mut **hasher), end)?;
                     }
                 }
                 Ok(Some((piece, (end, hasher))))

@@ -1,6 +1,8 @@
 //! The one table from errors to statuses, and the text that a client sees: never what lies behind the server.
 
-use axum::http::header::{ALLOW, CONTENT_RANGE, CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
+use axum::http::header::{
+    ALLOW, CACHE_CONTROL, CONTENT_RANGE, CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE,
+};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use lodestream_format::FormatError;
@@ -29,6 +31,19 @@ pub(super) enum HttpError {
     /// No token, or none that is known.
     #[error("expected `Authorization: Bearer TOKEN` with a token that this server knows")]
     NoToken,
+    /// A token that is known, for other scenes. It says nothing of whether this one is there.
+    #[error("expected a token for this scene, found one for others")]
+    OtherScenes,
+    /// A scene is not what it should be replaced as, told to who may read it.
+    #[error("scene {name}: expected to replace {expected}, found {found}")]
+    Replaced {
+        /// The scene.
+        name: String,
+        /// The hash that it should have pointed at, or none.
+        expected: String,
+        /// The hash that it points at, or none.
+        found: String,
+    },
     /// The server takes no uploads.
     #[error("this server takes no uploads")]
     NoUploads,
@@ -71,8 +86,8 @@ impl HttpError {
             Self::NotFound(_) => StatusCode::NOT_FOUND,
             Self::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
             Self::NoToken => StatusCode::UNAUTHORIZED,
-            Self::Precondition(_) => StatusCode::PRECONDITION_FAILED,
-            Self::NoUploads => StatusCode::FORBIDDEN,
+            Self::Precondition(_) | Self::Replaced { .. } => StatusCode::PRECONDITION_FAILED,
+            Self::NoUploads | Self::OtherScenes => StatusCode::FORBIDDEN,
             Self::UnknownKind(_) => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::Full => StatusCode::INSUFFICIENT_STORAGE,
             Self::Slow => StatusCode::REQUEST_TIMEOUT,
@@ -101,12 +116,10 @@ impl HttpError {
         match self {
             Self::Library(LibraryError::Name(error)) => error.to_string(),
             Self::Library(LibraryError::NoScene { name, .. }) => format!("no scene {name}"),
-            Self::Library(LibraryError::Changed {
-                name,
-                expected,
-                found,
-                ..
-            }) => format!("scene {name}: expected to replace {expected}, found {found}"),
+            // The hash of a scene is its readers' secret.
+            Self::Library(LibraryError::Changed { name, expected, .. }) => {
+                format!("scene {name}: expected to replace {expected}, found something else")
+            }
             Self::Library(LibraryError::NoObject { path, .. }) => format!("no object at {path}"),
             Self::Library(LibraryError::Damaged { path, .. }) => {
                 format!("the library is damaged at {path}")
@@ -126,6 +139,8 @@ impl HttpError {
         }
         let mut headers = HeaderMap::new();
         headers.insert(CONTENT_TYPE, TEXT);
+        // A missing or refused answer may be there for the next client.
+        headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
         match self {
             Self::OutsideObject { bytes } => {
                 headers.insert(CONTENT_RANGE, header(&format!("bytes */{bytes}")));

@@ -5,7 +5,6 @@ use std::convert::Infallible;
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll};
 use std::time::Instant;
 
@@ -22,17 +21,21 @@ use hyper::body::{Frame, Incoming, SizeHint};
 use hyper::service::Service;
 use hyper_util::service::TowerToHyperService;
 use lodestream_format::FormatError;
+use tokio::sync::Semaphore;
 
+use super::activity::Activity;
 use super::body::is_small;
+use super::connections::Entered;
+use super::cors::Cors;
 use super::error::HttpError;
 use super::etag::IMMUTABLE;
 use super::fair::Asker;
-use super::limits::Connected;
+use super::limits::{ClientAddress, Connected};
 use super::pages::{self, OCTETS, PAGES_ROUTE};
 use super::priority::{self, Paced, Sending};
 use super::requests::{Access, REQUEST_ID};
 use super::slices::Slices;
-use super::{AppState, cors, router};
+use super::{AppState, Serves, router_of};
 
 /// The service of every connection.
 #[derive(Debug, Clone)]
@@ -43,7 +46,17 @@ pub(super) struct Front {
     /// Which connection this is, of all that there were.
     asker: Asker,
     sending: Arc<Sending>,
+    activity: Arc<Activity>,
+    /// Of all connections, and of this one.
+    turns: [Arc<Semaphore>; 2],
+    serves: Serves,
+    cors: Arc<Cors>,
 }
+
+/// Requests for which an answer is looked up at once, of all connections and of one; the others
+/// wait. A look-up holds more than a wait does, and an HTTP/2 connection asks for
+/// [`super::connection`]'s number of things at once.
+const TURNS: [usize; 2] = [128, 16];
 
 /// Whether bytes can name a host, with or without a port.
 pub(super) fn is_host(host: &[u8]) -> bool {
@@ -53,26 +66,33 @@ pub(super) fn is_host(host: &[u8]) -> bool {
 
 type Answered = Result<Response<Paced<FrontBody>>, Infallible>;
 
-/// Connections so far.
-static CONNECTIONS: AtomicU64 = AtomicU64::new(1);
-
 impl Front {
-    pub(super) fn new(state: AppState) -> Self {
+    pub(super) fn new(state: AppState, serves: Serves, cors: Arc<Cors>) -> Self {
+        let router = router_of(state.clone(), serves, Arc::clone(&cors));
         Self {
-            router: TowerToHyperService::new(router(state.clone())),
+            router: TowerToHyperService::new(router),
             state,
             client: None,
             asker: Asker::Connection(0),
             sending: Arc::default(),
+            activity: Arc::default(),
+            turns: TURNS.map(|turns| Arc::new(Semaphore::new(turns))),
+            serves,
+            cors,
         }
     }
 
-    /// The service of one client's connection.
-    pub(super) fn of(&self, client: Connected) -> Self {
+    /// The service of one connection.
+    pub(super) fn of(&self, entered: &Entered) -> Self {
         Self {
-            client: Some(Arc::new(client)),
-            asker: Asker::Connection(CONNECTIONS.fetch_add(1, Ordering::Relaxed)),
+            client: Some(Arc::clone(entered.client())),
+            asker: Asker::Connection(entered.number()),
             sending: Arc::default(),
+            activity: Arc::clone(entered.activity()),
+            turns: [
+                Arc::clone(&self.turns[0]),
+                Arc::new(Semaphore::new(TURNS[1])),
+            ],
             ..self.clone()
         }
     }
@@ -84,6 +104,27 @@ impl Front {
     /// The connection's answers over HTTP/2.
     pub(super) fn sending(&self) -> &Arc<Sending> {
         &self.sending
+    }
+
+    /// When the connection was of use.
+    pub(super) fn activity(&self) -> &Arc<Activity> {
+        &self.activity
+    }
+
+    /// Whether there are pages.
+    pub(super) fn serves_pages(&self) -> bool {
+        self.serves != Serves::Metrics
+    }
+
+    /// The origins that may show answers.
+    pub(super) fn cors(&self) -> &Cors {
+        &self.cors
+    }
+
+    /// Where the connection comes from.
+    pub(super) fn client(&self) -> ClientAddress {
+        let client = self.client.as_ref();
+        client.map_or(ClientAddress::NONE, |client| client.address())
     }
 
     /// Who reads on this connection.
@@ -107,14 +148,14 @@ impl Front {
     /// That the client asks too often; whoever watches over the server may always ask whether it is well.
     fn refused(&self, request: &Request<Incoming>) -> Option<Response<FrontBody>> {
         let secs = self.client.as_ref()?.request().err()?;
-        if matches!(request.uri().path(), "/healthz" | "/readyz") {
+        if is_health(request) {
             return None;
         }
         let metrics = &self.state.0.metrics;
         metrics.began();
         metrics.finished("limited", 429, 0, 0.0);
         let mut response = HttpError::TooMany { secs }.into_response();
-        cors::open(response.headers_mut());
+        self.cors.open(request.headers(), response.headers_mut());
         Some(response.map(FrontBody::Routed))
     }
 
@@ -138,7 +179,7 @@ impl Front {
         // What follows on the connection may be part of this request for somebody else.
         let close = HeaderValue::from_static("close");
         response.headers_mut().insert(CONNECTION, close);
-        cors::open(response.headers_mut());
+        self.cors.open(request.headers(), response.headers_mut());
         Some(response.map(FrontBody::Routed))
     }
 
@@ -146,7 +187,8 @@ impl Front {
     fn held(&self, request: &Request<Incoming>) -> Option<Response<FrontBody>> {
         let started = Instant::now();
         let asks = |field: HeaderName| request.headers().contains_key(field);
-        if request.method() != Method::GET || asks(IF_NONE_MATCH) || asks(REQUEST_ID) {
+        let is_get = request.method() == Method::GET && self.serves_pages();
+        if !is_get || asks(IF_NONE_MATCH) || asks(REQUEST_ID) {
             return None;
         }
         let (hash, range) = pages::split(request.uri().path())?;
@@ -160,12 +202,12 @@ impl Front {
         let slices = shared.pages.held(&asset, first..=last, self.asker)?;
         // Written as it is parsed: the path is the tag.
         let tag = [b"\"", hash.as_bytes(), b".", range.as_bytes(), b"\""].concat();
-        let mut headers = HeaderMap::with_capacity(8);
+        let mut headers = HeaderMap::with_capacity(9);
         headers.insert(CONTENT_TYPE, OCTETS);
         headers.insert(ETAG, HeaderValue::from_maybe_shared(Bytes::from(tag)).ok()?);
         headers.insert(CONTENT_LENGTH, HeaderValue::from(slices.bytes()));
         headers.insert(CACHE_CONTROL, HeaderValue::from_static(IMMUTABLE.1));
-        cors::open(&mut headers);
+        self.cors.open(request.headers(), &mut headers);
         shared.metrics.pages_sent((last - first + 1) as u64);
         shared.metrics.began();
         let mut response = Response::new(FrontBody::Held(HeldBody {
@@ -186,12 +228,13 @@ impl Service<Request<Incoming>> for Front {
     type Future = Either<Ready<Answered>, Pin<Box<dyn Future<Output = Answered> + Send>>>;
 
     fn call(&self, mut request: Request<Incoming>) -> Self::Future {
+        let in_flight = self.activity.begin();
         // HTTP/1.1 has one answer at a time.
         let sending = (request.version() == Version::HTTP_2).then(|| Arc::clone(&self.sending));
         let urgency = priority::urgency(request.headers());
         let pace = move |body| match sending {
-            Some(sending) => sending.pace(body, urgency),
-            None => Paced::alone(body),
+            Some(sending) => sending.pace(body, urgency).counted(in_flight),
+            None => Paced::alone(body).counted(in_flight),
         };
         let early = self
             .refused(&request)
@@ -203,11 +246,32 @@ impl Service<Request<Incoming>> for Front {
         if let Some(client) = &self.client {
             request.extensions_mut().insert(client.address());
         }
-        let routed = self.router.call(request);
+        let router = self.router.clone();
+        let turns = has_turn(&request).then(|| self.turns.clone());
         Either::Right(Box::pin(async move {
-            Ok(routed.await?.map(|body| pace(FrontBody::Routed(body))))
+            let mut held = [None, None];
+            if let Some([all, own]) = turns {
+                // The own one first: who waits for it must not keep others waiting. Never closed.
+                held[1] = own.acquire_owned().await.ok();
+                held[0] = all.acquire_owned().await.ok();
+            }
+            let routed = router.call(request).await;
+            drop(held);
+            Ok(routed?.map(|body| pace(FrontBody::Routed(body))))
         }))
     }
+}
+
+fn is_health(request: &Request<Incoming>) -> bool {
+    matches!(request.uri().path(), "/healthz" | "/readyz")
+}
+
+/// Whether a request waits for its turn: not where its body has to come first, not where somebody
+/// asks whether the server is well, and not for pages, of which an urgent one must not wait for
+/// others.
+fn has_turn(request: &Request<Incoming>) -> bool {
+    let is_get = matches!(*request.method(), Method::GET | Method::HEAD);
+    is_get && !is_health(request) && pages::split(request.uri().path()).is_none()
 }
 
 /// What an answer is made of.

@@ -373,7 +373,7 @@ mod tests {
         for bytes in [100, LARGE_BYTES] {
             let memory = Arc::<Memory>::default();
             let (_client, stream) = tokio::io::duplex(16);
-            let socket = Socket::new(stream, Arc::clone(&memory));
+            let socket = Socket::new(stream, Arc::clone(&memory), Arc::default());
             let mut gather = Gather::new(socket, Arc::clone(&memory), Some(Arc::default()));
             let (began, piece) = (Instant::now(), vec![7; bytes]);
             let error = poll_fn(|context| {

@@ -18,7 +18,6 @@ use lodestream_format::Asset;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 
 use super::body::is_small;
-use super::cors;
 use super::error::HttpError;
 use super::error_log;
 use super::etag::IMMUTABLE;
@@ -28,7 +27,7 @@ use super::page_cache::runs;
 use super::pages::{self, PAGES_ROUTE};
 use super::requests::{REQUEST_ID, new_id};
 use super::send::Body;
-use super::socket::{OverTcp, Socket};
+use super::socket::{OverTcp, PREFACE, Socket};
 
 /// Longest head that is read here; those of viewers have some 150 bytes.
 const HEAD_BYTES: usize = 2048;
@@ -49,9 +48,10 @@ pub(super) async fn serve<S: OverTcp + AsyncRead + AsyncWrite + Unpin>(
     let mut read = Vec::with_capacity(HEAD_BYTES);
     let mut head = Vec::with_capacity(512);
     socket.read_within(head_timeout, usize::MAX);
+    let activity = front.activity();
     loop {
         let asked = match asked(&read) {
-            Read::Pages(asked) if !front.is_limited() => asked,
+            Read::Pages(asked) if takes(front, &asked) => asked,
             Read::Part if read.len() < HEAD_BYTES => {
                 let mut more = pin!(socket.read_buf(&mut read));
                 let more = poll_fn(|context| match more.as_mut().poll(context) {
@@ -66,13 +66,14 @@ pub(super) async fn serve<S: OverTcp + AsyncRead + AsyncWrite + Unpin>(
             }
             _ => return Ok(Some(Bytes::from(read))),
         };
+        activity.set_busy();
         let started = Instant::now();
         let last = asked.last || state.is_draining();
         let head_bytes = asked.head_bytes;
         state.0.metrics.began();
         let is_plain = socket.stream().plain().is_some();
         let mut answer = Answer::new(front, &asked, is_plain).await;
-        answer.write_head(&mut head, &asked, last);
+        answer.write_head(&mut head, front, &asked, last);
         let sent = answer.send(socket, front, &head).await;
         answer.finished(front, asked.path, started.elapsed().as_secs_f64());
         sent?;
@@ -80,7 +81,7 @@ pub(super) async fn serve<S: OverTcp + AsyncRead + AsyncWrite + Unpin>(
             return socket.shutdown().await.map(|()| None);
         }
         read.drain(..head_bytes);
-        socket.read_within(head_timeout, usize::MAX);
+        activity.set_idle(socket.read_within(head_timeout, usize::MAX));
     }
 }
 
@@ -101,12 +102,24 @@ struct Asked<'a> {
     head_bytes: usize,
     /// The client wants no other answer on this connection.
     last: bool,
+    /// The request is a page's of another origin.
+    has_origin: bool,
+}
+
+/// Whether the answer depends on nothing but the pages.
+fn takes(front: &Front, asked: &Asked<'_>) -> bool {
+    let is_alike = !asked.has_origin || front.cors().is_open();
+    is_alike && front.serves_pages() && !front.is_limited()
 }
 
 fn asked(read: &[u8]) -> Read<'_> {
     let known = read.len().min(BEGIN.len());
     if read[..known] != BEGIN[..known] {
-        return Read::Other;
+        // Nothing but the whole preface tells HTTP/2 from what only begins so.
+        return match PREFACE.starts_with(read) && read != PREFACE {
+            true => Read::Part,
+            false => Read::Other,
+        };
     }
     let mut fields = [httparse::EMPTY_HEADER; MAX_FIELDS];
     let mut request = httparse::Request::new(&mut fields);
@@ -119,13 +132,15 @@ fn asked(read: &[u8]) -> Read<'_> {
     let Some((hash, range)) = pages::split(path).filter(|_| !path.contains(['%', '?', '#'])) else {
         return Read::Other;
     };
-    let (mut hosts, mut last) = (0, false);
+    let (mut hosts, mut last, mut has_origin) = (0, false, false);
     for field in request.headers.iter() {
         let is = |name: &str| field.name.eq_ignore_ascii_case(name);
         if is("host") && is_host(field.value) {
             hosts += 1;
         } else if is("connection") && field.value.eq_ignore_ascii_case(b"close") {
             last = true;
+        } else if is("origin") {
+            has_origin = true;
         } else if is("connection") && !field.value.eq_ignore_ascii_case(b"keep-alive")
             || is("host")
             || CHANGES.iter().any(|name| is(name))
@@ -140,6 +155,7 @@ fn asked(read: &[u8]) -> Read<'_> {
             range,
             head_bytes,
             last,
+            has_origin,
         }),
         false => Read::Other,
     }
@@ -197,7 +213,7 @@ impl Answer {
         let shared = &front.state().0;
         let hash = parse_hash(asked.hash)?;
         let (first, last) = pages::parse_pages(asked.range)?;
-        let asset = shared.tables.asset(&shared.library, &hash).await?;
+        let asset = front.state().asset(front.client(), &hash).await?;
         let bytes = pages::bytes_of(&asset, first, last)?;
         let mut answer = Self {
             status: StatusCode::OK,
@@ -220,7 +236,7 @@ impl Answer {
     }
 
     /// Writes the head over `head`.
-    fn write_head(&self, head: &mut Vec<u8>, asked: &Asked<'_>, last: bool) {
+    fn write_head(&self, head: &mut Vec<u8>, front: &Front, asked: &Asked<'_>, last: bool) {
         head.clear();
         let mut line = |parts: &[&[u8]]| parts.iter().for_each(|part| head.extend_from_slice(part));
         if self.status == StatusCode::OK {
@@ -254,9 +270,7 @@ impl Answer {
                 line(&[name.as_str().as_bytes(), b": ", value.as_bytes(), b"\r\n"]);
             }
         }
-        for (name, value) in cors::OPEN {
-            line(&[name.as_str().as_bytes(), b": ", value.as_bytes(), b"\r\n"]);
-        }
+        line(&[front.cors().lines()]);
         line(&[if last { b"connection: close\r\n" } else { b"" }]);
         // Writing to a vector cannot fail.
         let _ = write!(head, "content-length: {}\r\ndate: ", self.bytes);

@@ -1,25 +1,43 @@
 //! Limits: requests a second and connections that one client may have. A client is an address, of IPv6 the first half.
 
 use std::collections::HashMap;
-use std::net::IpAddr;
+use std::convert::Infallible;
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
+
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
 
 /// Clients remembered before those that are idle are forgotten.
 const SWEEP_CLIENTS: usize = 65_536;
 
-/// What one client may do; all it likes where there is nothing.
+/// The limits of one client.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ClientLimits {
-    /// Requests a second, and as many at once.
+    /// Requests a second, and as many at once; as many as it likes where there is nothing.
     pub requests_per_sec: Option<u32>,
-    /// Connections at once.
+    /// Connections at once; three quarters of what the server takes where there is nothing.
     pub connections: Option<u32>,
 }
 
 /// The address that a request came from, as far as limits tell addresses apart.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ClientAddress(pub IpAddr);
+
+impl ClientAddress {
+    /// Stands for all clients that came by no socket.
+    pub(super) const NONE: Self = Self(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
+}
+
+impl<S: Sync> FromRequestParts<S> for ClientAddress {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        Ok(parts.extensions.get().copied().unwrap_or(Self::NONE))
+    }
+}
 
 /// The clients that are limited.
 #[derive(Debug, Default)]
@@ -41,6 +59,7 @@ struct Client {
 pub(super) struct Connected {
     limits: Arc<Limits>,
     address: IpAddr,
+    counts: AtomicBool,
 }
 
 impl Limits {
@@ -51,20 +70,27 @@ impl Limits {
         }
     }
 
-    /// Counts a connection; `None` where the client has as many as it may.
-    pub(super) fn connect(self: &Arc<Self>, peer: IpAddr) -> Option<Connected> {
+    /// Most connections of one client to a server that takes `all`. Some are
+    /// left to others.
+    pub(super) fn most_connections(&self, all: usize) -> u32 {
+        let share = (all - all / 4).try_into().unwrap_or(u32::MAX);
+        self.limits.connections.unwrap_or(share)
+    }
+
+    /// Counts a connection; `None` where the client has `most`.
+    pub(super) fn connect(self: &Arc<Self>, peer: IpAddr, most: u32) -> Option<Connected> {
         let address = client_of(peer);
-        if let Some(most) = self.limits.connections {
-            let mut clients = self.clients();
-            let client = self.client(&mut clients, address, Instant::now());
-            if client.connections >= most {
-                return None;
-            }
-            client.connections += 1;
+        let mut clients = self.clients();
+        let client = self.client(&mut clients, address, Instant::now());
+        if client.connections >= most {
+            return None;
         }
+        client.connections += 1;
+        drop(clients);
         Some(Connected {
             limits: Arc::clone(self),
             address,
+            counts: AtomicBool::new(true),
         })
     }
 
@@ -131,11 +157,10 @@ impl Connected {
     pub(super) fn request(&self) -> Result<(), u64> {
         self.limits.request(self.address)
     }
-}
 
-impl Drop for Connected {
-    fn drop(&mut self) {
-        if self.limits.limits.connections.is_some()
+    /// Counts no longer: it is about to end.
+    pub(super) fn release(&self) {
+        if self.counts.swap(false, Ordering::AcqRel)
             && let Some(client) = self.limits.clients().get_mut(&self.address)
         {
             client.connections = client.connections.saturating_sub(1);
@@ -143,8 +168,14 @@ impl Drop for Connected {
     }
 }
 
-/// Whoever has an IPv6 address has its network's other 2^64 too.
-fn client_of(peer: IpAddr) -> IpAddr {
+impl Drop for Connected {
+    fn drop(&mut self) {
+        self.release();
+    }
+}
+
+/// An IPv6 address comes with its network's other 2^64.
+pub(super) fn client_of(peer: IpAddr) -> IpAddr {
     match peer {
         IpAddr::V4(_) => peer,
         IpAddr::V6(v6) => match v6.to_ipv4_mapped() {
@@ -190,14 +221,27 @@ mod tests {
     fn connections_count_while_they_last() {
         let limits = limits(None, Some(2));
         let peer = |text: &str| -> IpAddr { text.parse().expect("an address") };
-        let first = limits.connect(peer("2001:db8::1"));
-        let second = limits.connect(peer("2001:db8::2"));
+        let connect = |text: &str| limits.connect(peer(text), limits.most_connections(100));
+        let first = connect("2001:db8::1");
+        let second = connect("2001:db8::2");
         assert!(first.is_some() && second.is_some());
-        assert!(limits.connect(peer("2001:db8::3")).is_none());
-        assert!(limits.connect(peer("2001:db8:0:1::1")).is_some());
+        assert!(connect("2001:db8::3").is_none());
+        assert!(connect("2001:db8:0:1::1").is_some());
         drop(first);
-        assert!(limits.connect(peer("2001:db8::3")).is_some());
+        let third = connect("2001:db8::3").expect("room");
+        assert!(connect("2001:db8::4").is_none());
+        third.release();
+        let fourth = connect("2001:db8::4");
+        drop(third);
+        assert!(fourth.is_some() && connect("2001:db8::5").is_none());
         assert!(limits.request(peer("2001:db8::3")).is_ok());
+    }
+
+    #[test]
+    fn one_client_leaves_a_quarter_of_the_connections_to_others() {
+        let most = |limit, all| limits(None, limit).most_connections(all);
+        assert_eq!((most(None, 16_384), most(None, 10)), (12_288, 8));
+        assert_eq!(most(Some(3), 16_384), 3);
     }
 
     #[test]

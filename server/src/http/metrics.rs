@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 
 use axum::extract::State;
 use axum::http::header::CONTENT_TYPE;
-use axum::response::IntoResponse;
+use axum::response::{IntoResponse, Response};
 
 use super::AppState;
 use super::page_cache::CacheCounts;
@@ -75,7 +75,8 @@ impl Metrics {
         }
     }
 
-    fn text(&self, viewers: usize, cache: CacheCounts) -> String {
+    /// The counters; scenes that are hidden have no name.
+    fn text(&self, viewers: usize, cache: CacheCounts, hides: impl Fn(&str) -> bool) -> String {
         let routes = self
             .routes
             .lock()
@@ -83,7 +84,7 @@ impl Metrics {
             .clone();
         let mut text = String::new();
         // Writing to a string cannot fail.
-        let _ = self.write(&mut text, &routes, viewers, cache);
+        let _ = self.write(&mut text, &routes, viewers, cache, hides);
         text
     }
 
@@ -93,6 +94,7 @@ impl Metrics {
         routes: &BTreeMap<String, RouteCounters>,
         viewers: usize,
         cache: CacheCounts,
+        hides: impl Fn(&str) -> bool,
     ) -> std::fmt::Result {
         family(text, "requests_total", "counter", "Requests finished.")?;
         for (route, counters) in routes {
@@ -131,12 +133,12 @@ impl Metrics {
             writeln!(text, "{name}_sum{{route=\"{route}\"}} {}", counters.seconds)?;
             writeln!(text, "{name}_count{{route=\"{route}\"}} {count}")?;
         }
-        let scenes = self
-            .scenes
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone();
-        let help = "Openings of a scene; beyond the first thousand scenes those of all others, under no name.";
+        let mut scenes = BTreeMap::new();
+        for (scene, count) in &*self.scenes.lock().unwrap_or_else(PoisonError::into_inner) {
+            let name = if hides(scene) { "" } else { scene };
+            *scenes.entry(name.to_owned()).or_insert(0) += count;
+        }
+        let help = "Openings of a scene; under no name those of protected scenes and of all beyond a thousand.";
         family(text, "scene_opens_total", "counter", help)?;
         for (scene, count) in scenes {
             writeln!(
@@ -191,12 +193,19 @@ fn family(text: &mut String, name: &str, kind: &str, help: &str) -> std::fmt::Re
     writeln!(text, "# TYPE lodestream_{name} {kind}")
 }
 
-/// `GET /metrics`
-pub(super) async fn metrics(State(state): State<AppState>) -> impl IntoResponse {
+/// `GET /metrics`, for all who ask.
+pub(super) async fn metrics(State(state): State<AppState>) -> Response {
+    answer(&state, |scene| state.is_protected(scene))
+}
+
+/// `GET /metrics` where only those ask who run the server.
+pub(super) async fn metrics_of_all(State(state): State<AppState>) -> Response {
+    answer(&state, |_| false)
+}
+
+fn answer(state: &AppState, hides: impl Fn(&str) -> bool) -> Response {
     let (viewers, cache) = (state.0.viewers.count(), state.0.pages.counts());
-    let text = state.0.metrics.text(viewers, cache);
-    (
-        [(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")],
-        text,
-    )
+    let text = state.0.metrics.text(viewers, cache, hides);
+    let kind = "text/plain; version=0.0.4; charset=utf-8";
+    ([(CONTENT_TYPE, kind)], text).into_response()
 }

@@ -17,7 +17,9 @@ use super::encoding;
 use super::error::{HttpError, header};
 use super::etag::{self, IMMUTABLE};
 use super::fair::Asker;
-use super::page_cache::Compressed;
+use super::limits::ClientAddress;
+use super::lookups::{self, Name};
+use super::page_cache::Made;
 
 /// Shorter objects are sent as they are.
 const SMALL_BYTES: u64 = 1024;
@@ -36,14 +38,19 @@ pub(super) async fn object(
     Path(hash): Path<String>,
     method: Method,
     asker: Asker,
+    client: ClientAddress,
     request: HeaderMap,
 ) -> Result<Response, HttpError> {
     let library = &state.0.library;
     let hash = parse_hash(&hash)?;
     let tag = etag::tag(hash);
-    let Some(bytes) = library.object_bytes(&hash).await? else {
-        return Err(HttpError::NotFound(format!("no object {hash}")));
-    };
+    let missing = || lookups::no_object(library, &hash);
+    let look = async { library.object_bytes(&hash).await?.ok_or_else(missing) };
+    let looked = state
+        .0
+        .lookups
+        .find(client, Name::Object(hash), missing, look);
+    let bytes = looked.await?;
     if etag::is_held(&request, &tag) {
         let held = etag::not_modified(tag, IMMUTABLE);
         return Ok(([encoding::VARIES], held).into_response());
@@ -70,10 +77,11 @@ pub(super) async fn object(
     headers.extend([encoding::VARIES]);
     if status == StatusCode::OK
         && encoding::takes_zstd(&request)
-        && let Some(hierarchy) = compressed_hierarchy(&state, &hash, bytes, asker).await?
+        && let Some(hierarchy) = Box::pin(compressed_hierarchy(&state, &hash, bytes, asker)).await?
     {
         headers.remove(ACCEPT_RANGES);
-        headers.extend([encoding::ZSTD, (ETAG, encoding::weak(&tag))]);
+        headers.extend([encoding::ZSTD]);
+        headers.insert(ETAG, encoding::weak(&tag));
         headers.insert(CONTENT_LENGTH, HeaderValue::from(hierarchy.len()));
         return Ok((status, [IMMUTABLE], headers, Body::from(hierarchy)).into_response());
     }
@@ -95,7 +103,7 @@ async fn compressed_hierarchy(
     if !(SMALL_BYTES..=HIERARCHY_BYTES).contains(&bytes) {
         return Ok(None);
     }
-    if let Some(held) = shared.pages.held_compressed(Compressed::Hierarchy, hash) {
+    if let Some(held) = shared.pages.held_made(Made::Hierarchy, hash) {
         return Ok(Some(held));
     }
     let magic = shared.library.object_range(hash, 0..4).await?;
@@ -104,7 +112,7 @@ async fn compressed_hierarchy(
     }
     let object = async { Ok(vec![shared.pages.object(hash, asker).await?]) };
     let make = encoding::compressed(object);
-    let made = shared.pages.compressed(Compressed::Hierarchy, hash, make);
+    let made = shared.pages.made(Made::Hierarchy, hash, make);
     Ok(Some(made.await?))
 }
 

@@ -41,13 +41,17 @@ const WHOLE: u64 = u64::MAX;
 /// What an object is taken for until it is read.
 const OBJECT_BYTES: u64 = 64 * 1024;
 
-/// What is compressed for those who take that; its numbers are no piece's.
+/// Things made of an object for all who ask; its numbers are no piece's.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Compressed {
-    /// What opens the asset of a hash.
+pub(super) enum Made {
+    /// The opening of the asset of a hash, compressed.
     Opening = 1,
-    /// The hierarchy of a hash.
+    /// The hierarchy of a hash, compressed.
     Hierarchy = 2,
+    /// The block of the scene of a hash, compressed.
+    Scene = 3,
+    /// The hashes of that scene's assets.
+    Assets = 4,
 }
 
 #[derive(Debug, Clone)]
@@ -259,13 +263,13 @@ impl PageCache {
     ///
     /// # Errors
     /// Where `make` fails.
-    pub(super) async fn compressed(
+    pub(super) async fn made(
         &self,
-        what: Compressed,
+        what: Made,
         hash: &ContentHash,
         make: impl Future<Output = Result<Bytes, LibraryError>>,
     ) -> Result<Bytes, LibraryError> {
-        if let Some(held) = self.held_compressed(what, hash) {
+        if let Some(held) = self.held_made(what, hash) {
             return Ok(held);
         }
         self.0.misses.fetch_add(1, Ordering::Relaxed);
@@ -275,7 +279,7 @@ impl PageCache {
     }
 
     /// The same, if it is in memory.
-    pub(super) fn held_compressed(&self, what: Compressed, hash: &ContentHash) -> Option<Bytes> {
+    pub(super) fn held_made(&self, what: Made, hash: &ContentHash) -> Option<Bytes> {
         let held = self.0.pieces.get(&(*hash, WHOLE - what as u64))?;
         self.0.hits.fetch_add(1, Ordering::Relaxed);
         Some(held)

@@ -19,10 +19,17 @@ pub(super) struct Run {
 /// What is still to be answered.
 #[derive(Debug)]
 pub(super) struct PagePlan {
-    /// Most urgent first; equally urgent ones by asset and page, which is coarse to fine.
-    pages: Vec<(ContentHash, u32)>,
+    /// Most urgent first; equally urgent ones by asset and page, which is coarse to fine. A
+    /// range in the post is a run here: an unread answer holds no more than its post.
+    runs: Vec<Run>,
     at: usize,
+    /// Assets that are not there.
+    missed: Vec<ContentHash>,
 }
+
+/// Assets of one post that may be missing, before those that are not in memory are not looked up
+/// any longer: viewers ask for what their scene names.
+const MOST_MISSED: usize = 64;
 
 impl PagePlan {
     /// Checks a post's limits and orders its pages.
@@ -52,34 +59,59 @@ impl PagePlan {
             )));
         }
         Ok(Self {
-            pages: order(&post.wants),
+            runs: order(&post.wants),
             at: 0,
+            missed: Vec::new(),
         })
+    }
+
+    /// Bytes that it holds.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.runs[..])
+    }
+
+    /// Remembers that an asset is not there.
+    pub(super) fn miss(&mut self, asset: ContentHash) {
+        self.missed.push(asset);
+    }
+
+    /// Whether it is known that the asset is not there.
+    pub(super) fn is_missed(&self, asset: &ContentHash) -> bool {
+        self.missed.contains(asset)
+    }
+
+    /// Whether assets may still be looked up.
+    pub(super) fn may_look(&self) -> bool {
+        self.missed.len() < MOST_MISSED
     }
 
     /// The asset of the next run.
     pub(super) fn next_asset(&self) -> Option<ContentHash> {
-        self.pages.get(self.at).map(|(asset, _)| *asset)
+        self.runs.get(self.at).map(|run| run.asset)
     }
 
     /// The next pages that one read answers, given the bytes of each page of that asset.
     pub(super) fn next_run(&mut self, page_bytes: impl Fn(u32) -> u64) -> Option<Run> {
-        let &(asset, first) = self.pages.get(self.at)?;
-        let (mut last, mut bytes) = (first, page_bytes(first));
-        self.at += 1;
-        while let Some(&(next_asset, next)) = self.pages.get(self.at) {
-            bytes = bytes.saturating_add(page_bytes(next));
-            if next_asset != asset || last.checked_add(1) != Some(next) || bytes > RUN_BYTES {
-                break;
+        let left = self.runs.get_mut(self.at)?;
+        let mut run = Run {
+            last: left.first,
+            ..*left
+        };
+        let mut bytes = page_bytes(run.first);
+        while run.last < left.last {
+            bytes = bytes.saturating_add(page_bytes(run.last + 1));
+            if bytes > RUN_BYTES {
+                left.first = run.last + 1;
+                return Some(run);
             }
-            last = next;
-            self.at += 1;
+            run.last += 1;
         }
-        Some(Run { asset, first, last })
+        self.at += 1;
+        Some(run)
     }
 }
 
-fn order(wants: &[PageWant]) -> Vec<(ContentHash, u32)> {
+fn order(wants: &[PageWant]) -> Vec<Run> {
     let mut pages: Vec<_> = wants
         .iter()
         .flat_map(|want| (want.first..=want.last).map(|page| (want.asset, page, want.priority)))
@@ -88,10 +120,21 @@ fn order(wants: &[PageWant]) -> Vec<(ContentHash, u32)> {
     pages.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(b.2.total_cmp(&a.2)));
     pages.dedup_by_key(|page| (page.0, page.1));
     pages.sort_by(|a, b| b.2.total_cmp(&a.2));
-    pages
-        .into_iter()
-        .map(|(asset, page, _)| (asset, page))
-        .collect()
+    let mut runs: Vec<Run> = Vec::new();
+    for (asset, page, _) in pages {
+        match runs.last_mut() {
+            Some(run) if run.asset == asset && run.last.checked_add(1) == Some(page) => {
+                run.last = page;
+            }
+            _ => runs.push(Run {
+                asset,
+                first: page,
+                last: page,
+            }),
+        }
+    }
+    runs.shrink_to_fit();
+    runs
 }
 
 #[cfg(test)]
@@ -134,6 +177,12 @@ mod tests {
             runs(&[(1, 0, 1, 1.0)], RUN_BYTES * 2),
             [(1, 0, 0), (1, 1, 1)]
         );
+    }
+
+    #[test]
+    fn a_range_is_held_as_a_range() {
+        let plan = PagePlan::new(&post(&[(1, 0, 65_000, 1.0), (1, 100, 200, 0.5)]));
+        assert_eq!(plan.expect("valid").bytes(), size_of::<Run>());
     }
 
     #[test]

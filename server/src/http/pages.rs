@@ -16,6 +16,7 @@ use super::body::pages_body;
 use super::error::HttpError;
 use super::etag::{self, IMMUTABLE};
 use super::fair::Asker;
+use super::limits::ClientAddress;
 use super::objects::parse_hash;
 use super::page_cache;
 
@@ -30,12 +31,12 @@ pub(super) async fn pages(
     Path((hash, range)): Path<(String, String)>,
     method: Method,
     asker: Asker,
+    client: ClientAddress,
     request: HeaderMap,
 ) -> Result<Response, HttpError> {
     let hash = parse_hash(&hash)?;
     let (first, last) = parse_pages(&range)?;
-    let library = &state.0.library;
-    let asset = state.0.tables.asset(library, &hash).await?;
+    let asset = state.asset(client, &hash).await?;
     let bytes = bytes_of(&asset, first, last)?;
     let tag = etag::tag(format_args!("{hash}.{first}-{last}"));
     if etag::is_held(&request, &tag) {

@@ -4,34 +4,28 @@
 //! its end block, when a later post of the same viewer comes; with nothing, when the connection goes.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH, CONTENT_TYPE};
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures_util::future::BoxFuture;
 use futures_util::stream::{self, BoxStream};
 use futures_util::{FutureExt, StreamExt};
-use lodestream_format::wire::{self, BlockKind, PageStatus, PagesPost};
-use lodestream_format::{Asset, FormatError};
+use lodestream_format::Asset;
+use lodestream_format::wire::{self, BlockKind, PageStatus};
 use tracing::Instrument;
 
 use super::AppState;
 use super::error::HttpError;
 use super::error_log;
 use super::fair::Asker;
+use super::limits::ClientAddress;
 use super::page_plan::{PagePlan, Run};
 use super::slices::Slices;
 use crate::library::LibraryError;
 
-/// Most bytes of a post: `MAX_PAGES_A_REQUEST` wants of one page each, at their longest.
-const MAX_POST_BYTES: usize = 16 * 1024 * 1024;
-/// Most bytes of all posts that are being read.
-pub(super) const POSTS_BYTES: usize = 2 * MAX_POST_BYTES;
-/// Longest time for a post's body to come.
-const BODY_TIMEOUT: Duration = Duration::from_secs(30);
 /// Reads of one answer at once: a store far away is waited for once and not for every run. They end in the order in which they are sent.
 const READS_AHEAD: usize = 4;
 /// Pages of one run where nothing is read.
@@ -40,17 +34,23 @@ const EMPTY_PAGE_BYTES: u64 = wire::BLOCK_HEADER_BYTES as u64;
 /// `POST /v1/pages`
 pub(super) async fn post_pages(
     State(state): State<AppState>,
+    client: ClientAddress,
     request: Request,
 ) -> Result<Response, HttpError> {
-    let post = read_post(&state, request).await?;
+    let post = state.0.posts.read(client, request).await?;
     let plan = PagePlan::new(&post)?;
+    // Counts for as long as the answer lasts.
+    let room = state.0.pages.memory().hold(plan.bytes());
     let asker = Asker::Viewer(post.viewer);
     let turn = state.0.viewers.enter(post.viewer, post.sequence);
     // Polled as the connection takes it: nothing runs for a client that does not read.
-    let runs = runs(state, plan, asker).take_until(turn.ended());
+    let runs = runs(state, client, plan, asker).take_until(turn.ended());
     let end = stream::once(async { vec![Bytes::copy_from_slice(&wire::end_block())] });
     let blocks = runs.chain(end).flat_map(stream::iter);
-    let blocks = blocks.map(Ok::<_, std::convert::Infallible>);
+    let blocks = blocks.map(move |block| {
+        let _held = &room;
+        Ok::<_, std::convert::Infallible>(block)
+    });
     let headers = [
         (CONTENT_TYPE, wire::MEDIA_TYPE),
         (CACHE_CONTROL, "no-store"),
@@ -58,55 +58,18 @@ pub(super) async fn post_pages(
     Ok((headers, Body::from_stream(blocks)).into_response())
 }
 
-async fn read_post(state: &AppState, request: Request) -> Result<PagesPost, HttpError> {
-    let too_large = |found: &dyn std::fmt::Display| {
-        let expected = format!("at most {MAX_POST_BYTES} bytes");
-        HttpError::TooLarge(FormatError::new("post", expected, found))
-    };
-    let length = request
-        .headers()
-        .get(CONTENT_LENGTH)
-        .and_then(|length| length.to_str().ok());
-    if let Some(length) = length.and_then(|length| length.parse::<u64>().ok())
-        && length > MAX_POST_BYTES as u64
-    {
-        return Err(too_large(&length));
-    }
-    let mut body = request.into_body().into_data_stream();
-    let mut bytes = Vec::new();
-    // Held until the post is read: what all posts have sent so far is bounded.
-    let mut rooms = Vec::new();
-    let whole = async {
-        while let Some(piece) = body.next().await {
-            let piece = piece.map_err(|error| {
-                HttpError::BadRequest(FormatError::new("post", "a whole body", error))
-            })?;
-            if bytes.len() + piece.len() > MAX_POST_BYTES {
-                return Err(too_large(&"more"));
-            }
-            let room = state.0.posts.try_acquire_many(piece.len() as u32);
-            rooms.push(room.map_err(|_| HttpError::NotReady)?);
-            bytes.extend_from_slice(&piece);
-        }
-        Ok(())
-    };
-    let Ok(read) = tokio::time::timeout(BODY_TIMEOUT, whole).await else {
-        return Err(HttpError::Slow);
-    };
-    read?;
-    serde_json::from_slice(&bytes).map_err(|error| {
-        let expected = "JSON {viewer, sequence, wants: [{asset, first, last, priority}]}";
-        HttpError::BadRequest(FormatError::new("post", expected, error))
-    })
-}
-
 /// The blocks of run after run.
-fn runs(state: AppState, plan: PagePlan, asker: Asker) -> BoxStream<'static, Vec<Bytes>> {
+fn runs(
+    state: AppState,
+    client: ClientAddress,
+    plan: PagePlan,
+    asker: Asker,
+) -> BoxStream<'static, Vec<Bytes>> {
     let span = tracing::Span::current();
     let reads = stream::unfold((state, plan), move |(state, mut plan)| {
         let span = span.clone();
         async move {
-            let read = next_read(state.clone(), &mut plan, asker).await?;
+            let read = next_read(state.clone(), client, &mut plan, asker).await?;
             Some((read.instrument(span), (state, plan)))
         }
     });
@@ -116,11 +79,11 @@ fn runs(state: AppState, plan: PagePlan, asker: Asker) -> BoxStream<'static, Vec
 /// The read of the next run, which gives its blocks end to end.
 async fn next_read(
     state: AppState,
+    client: ClientAddress,
     plan: &mut PagePlan,
     asker: Asker,
 ) -> Option<BoxFuture<'static, Vec<Bytes>>> {
-    let asset = plan.next_asset()?;
-    let asset = state.0.tables.asset(&state.0.library, &asset).await;
+    let asset = find(&state, client, plan).await?;
     let page_bytes = |page: u32| {
         let pages = asset.as_ref().map_or(&[][..], |asset| &asset.pages);
         let entry = pages.get(page as usize);
@@ -130,8 +93,7 @@ async fn next_read(
     let read = async move {
         match asset {
             Ok(asset) => read_run(&state, &asset, run, asker).await,
-            Err(error) => {
-                let status = status_of(&error);
+            Err(status) => {
                 let header = |page| wire::block_header(BlockKind::Page, status, page, run.asset, 0);
                 let headers: Vec<u8> = (run.first..=run.last).flat_map(header).collect();
                 vec![Bytes::from(headers)]
@@ -139,6 +101,30 @@ async fn next_read(
         }
     };
     Some(read.boxed())
+}
+
+/// The asset of the next run, or the status of its pages.
+async fn find(
+    state: &AppState,
+    client: ClientAddress,
+    plan: &mut PagePlan,
+) -> Option<Result<Arc<Asset>, PageStatus>> {
+    let hash = plan.next_asset()?;
+    let found = match state.0.tables.held(&hash) {
+        Some(asset) => return Some(Ok(asset)),
+        None if plan.is_missed(&hash) => return Some(Err(PageStatus::NotFound)),
+        // It may be there: a later post may ask for it.
+        None if !plan.may_look() => return Some(Err(PageStatus::Failed)),
+        None => state.asset(client, &hash).await,
+    };
+    Some(found.map_err(|error| {
+        if error.is_missing() {
+            plan.miss(hash);
+            return PageStatus::NotFound;
+        }
+        error_log::error("post", &error);
+        PageStatus::Failed
+    }))
 }
 
 /// The blocks of a run: headers, and slices of what the cache has.
@@ -198,12 +184,4 @@ async fn read_run(state: &AppState, asset: &Arc<Asset>, run: Run, asker: Asker) 
     }
     shared.metrics.pages_sent(sent);
     blocks
-}
-
-fn status_of(error: &LibraryError) -> PageStatus {
-    if error.is_missing() {
-        return PageStatus::NotFound;
-    }
-    error_log::error("post", error);
-    PageStatus::Failed
 }

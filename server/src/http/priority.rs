@@ -17,6 +17,7 @@ use hyper::body::{Frame, SizeHint};
 use tokio::sync::Notify;
 use tokio::time::{Instant, Sleep};
 
+use super::activity::{Activity, InFlight};
 use super::memory::Memory;
 
 /// Bytes of a connection that are handed over and not sent.
@@ -70,6 +71,7 @@ impl Sending {
             body,
             turn: Some(turn),
             piece: Bytes::new(),
+            _in_flight: None,
         }
     }
 
@@ -107,7 +109,7 @@ impl Sending {
 
     /// Ends when the client has taken nothing of what is ahead for as long as `memory` has patience: its socket may take bytes, but it gives
     /// HTTP/2 no window, or none that lasts.
-    pub(super) async fn stalled(&self, memory: &Memory) {
+    pub(super) async fn stalled(&self, memory: &Memory, activity: &Activity) {
         loop {
             let begins = self.begins.notified();
             if self.state().ahead_bytes == 0 {
@@ -117,6 +119,7 @@ impl Sending {
             let state = self.state();
             let since = state.written.filter(|_| state.ahead_bytes > 0);
             drop(state);
+            activity.set_stalled(since);
             if since.is_some_and(|since| since.elapsed() >= memory.patience()) {
                 return;
             }
@@ -174,6 +177,7 @@ pub(super) struct Paced<B> {
     turn: Option<Turn>,
     /// What the body gave and was not handed over yet.
     piece: Bytes,
+    _in_flight: Option<InFlight>,
 }
 
 #[derive(Debug)]
@@ -190,6 +194,15 @@ impl<B> Paced<B> {
             body,
             turn: None,
             piece: Bytes::new(),
+            _in_flight: None,
+        }
+    }
+
+    /// Whose request is in flight until the body is gone.
+    pub(super) fn counted(self, in_flight: InFlight) -> Self {
+        Self {
+            _in_flight: Some(in_flight),
+            ..self
         }
     }
 }
@@ -393,7 +406,9 @@ mod tests {
     async fn a_client_that_takes_nothing_has_stalled_and_an_idle_one_has_not() {
         let memory = Memory::default();
         let sending = Arc::new(Sending::default());
-        let idle = tokio::time::timeout(Duration::from_secs(600), sending.stalled(&memory));
+        let activity = Activity::default();
+        let stalled = sending.stalled(&memory, &activity);
+        let idle = tokio::time::timeout(Duration::from_secs(600), stalled);
         assert!(idle.await.is_err());
         let mut body = answer(&sending, 3, 100);
         let mut ahead: VecDeque<_> = std::iter::from_fn(|| next(&mut body)).collect();
@@ -405,7 +420,8 @@ mod tests {
             }
             Instant::now()
         };
-        let ((), last) = tokio::join!(sending.stalled(&memory), reads);
+        let ((), last) = tokio::join!(sending.stalled(&memory, &activity), reads);
+        assert!(activity.stalled_since().is_some());
         let since = last.elapsed();
         let patience = memory.patience();
         assert!(

@@ -22,6 +22,7 @@ use tokio::net::TcpStream;
 use tokio::time::Instant;
 
 use super::buffers::Buffer;
+use super::descriptors;
 use super::mapped::MappedFile;
 use super::memory::Memory;
 use super::page_cache::bytes_of;
@@ -32,12 +33,22 @@ const UNUSED: Duration = Duration::from_secs(20);
 const REGION_BYTES: u64 = 8 * 1024 * 1024;
 /// Time between two looks at a pack's file, which nobody who keeps to the library's rules ever changes.
 const LOOK_AGAIN: Duration = Duration::from_millis(1);
-/// Most packs that are open.
-const MOST: usize = 1024;
-
 /// Packs that are open.
-#[derive(Debug, Default)]
-pub(super) struct Resident(Mutex<HashMap<ContentHash, Entry>>);
+#[derive(Debug)]
+pub(super) struct Resident {
+    packs: Mutex<HashMap<ContentHash, Entry>>,
+    /// Most of them: each takes a descriptor.
+    most: usize,
+}
+
+impl Default for Resident {
+    fn default() -> Self {
+        Self {
+            packs: Mutex::default(),
+            most: descriptors::packs(),
+        }
+    }
+}
 
 #[derive(Debug)]
 struct Entry {
@@ -103,7 +114,7 @@ impl Resident {
         });
         let now = Instant::now();
         let mut packs = self.packs();
-        if packs.len() >= MOST {
+        if packs.len() >= self.most {
             packs.clear();
         }
         packs.insert(
@@ -216,7 +227,7 @@ impl Resident {
     }
 
     fn packs(&self) -> MutexGuard<'_, HashMap<ContentHash, Entry>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.packs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

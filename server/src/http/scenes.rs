@@ -11,6 +11,7 @@ use lodestream_format::FormatError;
 use super::AppState;
 use super::error::HttpError;
 use super::etag::{self, REVALIDATE};
+use super::limits::ClientAddress;
 
 /// Scenes of one answer where the query does not say.
 const DEFAULT_LIMIT: usize = 100;
@@ -42,27 +43,25 @@ pub(super) async fn list(
         let error = FormatError::new("query limit", format!("1..={MAX_LIMIT}"), limit);
         return Err(HttpError::BadRequest(error));
     }
-    let page = state
-        .0
-        .library
-        .visible_scenes(query.after.as_deref(), limit, |scene| {
-            state.may_read(&request, scene).is_ok()
-        })
-        .await?;
-    Ok(([REVALIDATE], Json(page)).into_response())
+    let may_see = |scene: &str| state.may_read(&request, scene);
+    let page = state.0.listing.page(query.after.as_deref(), limit, may_see);
+    let answer = ([REVALIDATE], Json(page.await?)).into_response();
+    Ok(state.guarded_list(answer))
 }
 
 /// `GET /v1/scenes/{scene}`
 pub(super) async fn show(
     State(state): State<AppState>,
     Path(name): Path<String>,
+    client: ClientAddress,
     request: HeaderMap,
 ) -> Result<Response, HttpError> {
-    state.may_read(&request, &name)?;
-    let reference = state.0.library.reference(&name).await?;
+    state.check_read(&request, &name)?;
+    let reference = state.reference(client, &name).await?;
     let tag = etag::tag(format!("{}.{}", reference.scene, reference.published_secs));
     if etag::is_held(&request, &tag) {
-        return Ok(etag::not_modified(tag, REVALIDATE));
+        return Ok(state.guarded(&name, etag::not_modified(tag, REVALIDATE)));
     }
-    Ok(([REVALIDATE], [(ETAG, tag)], Json(reference)).into_response())
+    let answer = ([REVALIDATE], [(ETAG, tag)], Json(reference)).into_response();
+    Ok(state.guarded(&name, answer))
 }

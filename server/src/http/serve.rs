@@ -3,42 +3,35 @@
 //! `axum::serve` leaves Nagle's algorithm on (40 ms stalls) and hyper's header timeout without a timer (connections that are
 //! silent stay for ever), hence this loop.
 
-use std::future::{Future, poll_fn};
+use std::future::Future;
 use std::io;
 use std::net::SocketAddr;
+use std::pin::pin;
 use std::sync::Arc;
-use std::task::Poll;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
-use hyper_util::server::conn::auto::Builder;
-use hyper_util::server::graceful::{GracefulShutdown, Watcher};
-use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
-use tokio::sync::Semaphore;
 
-use super::AppState;
+use super::connection::{Served, Spoken};
+use super::connections::Connections;
+use super::cors::Cors;
 use super::front::Front;
-use super::gather::Gather;
-use super::http1;
-use super::socket::{OverTcp, PREFACE_BYTES, Socket};
+use super::limits;
 use super::tls::Tls;
 use super::workers::Workers;
+use super::{AppState, Serves, descriptors, error_log};
 
-/// Longest wait for a request's head, also between two requests of one connection.
-const HEAD_TIMEOUT: Duration = Duration::from_secs(30);
 /// A socket that has so much that is not on its way takes no more; what it takes then may be a segment, 64 KiB, more than that.
 const UNSENT_BYTES: u32 = 64 * 1024;
-/// The same for HTTP/2, where something more urgent may come.
-const HTTP2_UNSENT_BYTES: u32 = 16 * 1024;
-/// Time between two pings of a silent HTTP/2 connection, and for their answer.
-const PING: Duration = Duration::from_secs(20);
 /// Longest wait for requests in flight after a signal.
 const DRAIN: Duration = Duration::from_secs(10);
 /// Connections that wait to be accepted; the system may allow fewer.
 const QUEUE: u32 = 4096;
-/// Most connections at once; later ones wait in the listener's queue.
-const MAX_CONNECTIONS: usize = 16_384;
+/// Connections that only ask for metrics; they come out of the descriptors that are kept back.
+const METRICS_CONNECTIONS: usize = 16;
+/// Pause where the system gives no connection: it has no descriptors or no memory left.
+const PAUSE: Duration = Duration::from_millis(200);
 
 /// A bound listener.
 #[derive(Debug)]
@@ -47,27 +40,56 @@ pub struct Server {
     address: SocketAddr,
     tls: Option<Tls>,
     workers: Option<Workers>,
+    most_connections: usize,
+    cors: Cors,
+    serves: Serves,
 }
 
 impl Server {
     /// Binds `listen`, `host:port`; port 0 takes any free one.
+    ///
+    /// # Errors
+    /// Where the system does not give the address, or too few descriptors to serve anything.
     pub async fn bind(listen: &str) -> io::Result<Self> {
         let listener = bind(listen).await?;
         let address = listener.local_addr()?;
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Self {
             listener,
             address,
             tls: None,
             workers: None,
+            most_connections: descriptors::connections(threads)?,
+            cors: Cors::default(),
+            serves: Serves::default(),
         })
     }
 
     /// Serves connections on `threads` of its own, and not on the runtime that it runs on.
     pub fn with_threads(self, threads: usize) -> io::Result<Self> {
         Ok(Self {
+            most_connections: descriptors::connections(threads)?,
             workers: Some(Workers::start(threads)?),
             ..self
         })
+    }
+
+    /// Lets browsers show answers to pages of these origins alone.
+    pub fn with_cors(self, cors: Cors) -> Self {
+        Self { cors, ..self }
+    }
+
+    /// Has only some of the routes; of metrics alone few connections are enough.
+    pub fn with_routes(self, serves: Serves) -> Self {
+        let most_connections = match serves {
+            Serves::Metrics => self.most_connections.min(METRICS_CONNECTIONS),
+            Serves::All | Serves::Library => self.most_connections,
+        };
+        Self {
+            serves,
+            most_connections,
+            ..self
+        }
     }
 
     /// Speaks TLS, and nothing else.
@@ -85,26 +107,29 @@ impl Server {
 
     /// Serves until `shutdown` ends, then lets requests in flight finish, for up to ten seconds.
     pub async fn run(mut self, state: AppState, shutdown: impl Future<Output = ()>) {
-        let service = Front::new(state.clone());
-        let connections = Arc::new(Semaphore::new(MAX_CONNECTIONS));
-        let graceful = GracefulShutdown::new();
-        let builder = builder();
-        let reload = self.tls.clone().map(|tls| tokio::spawn(tls.reload()));
+        let front = Front::new(state.clone(), self.serves, Arc::new(self.cors));
+        let connections = Arc::new(Connections::new(self.most_connections));
+        let most = state.0.limits.most_connections(connections.most());
+        let served = Served::default();
         let pages = state.0.pages.clone();
         let close = tokio::spawn(async move { pages.close_unused().await });
-        let mut shutdown = std::pin::pin!(shutdown);
+        let mut shutdown = pin!(shutdown);
         loop {
             let accepted = async {
-                // Never closed, so the permit always comes.
-                let permit = Arc::clone(&connections).acquire_owned().await;
+                let permit = connections.room().await;
                 (self.listener.accept().await, permit)
             };
             let (stream, peer, permit) = tokio::select! {
                 () = &mut shutdown => break,
                 accepted = accepted => match accepted {
                     (Ok((stream, peer)), permit) => (stream, peer, permit),
-                    (Err(error), _) => {
-                        pause_after(error).await;
+                    (Err(error), permit) => {
+                        drop(permit);
+                        if !is_peers(&error) {
+                            error_log::error("accept", &error);
+                            connections.end_some();
+                            tokio::time::sleep(PAUSE).await;
+                        }
                         continue;
                     }
                 },
@@ -113,47 +138,59 @@ impl Server {
                 // The peer is gone already.
                 continue;
             }
-            let Some(client) = state.0.limits.connect(peer.ip()) else {
+            let connect = || state.0.limits.connect(peer.ip(), most);
+            let client = connect().or_else(|| {
+                let client = limits::client_of(peer.ip());
+                connections.make_room_of(client, most).then(connect)?
+            });
+            let Some(client) = client else {
                 tracing::debug!("{peer}: closed, since it has as many connections as it may");
                 continue;
             };
-            let (builder, service) = (builder.clone(), service.of(client));
-            let (watcher, tls) = (graceful.watcher(), self.tls.clone());
+            let entered = connections.enter(permit, next_number(), Arc::new(client));
+            let front = front.of(&entered);
+            let (served, tls) = (served.clone(), self.tls.clone());
             let Ok(stream) = stream.into_std() else {
                 continue;
             };
-            let served = async move {
+            let serve = async move {
                 let Ok(stream) = TcpStream::from_std(stream) else {
                     return;
                 };
                 match tls {
-                    None => connection(stream, &builder, service, watcher).await,
+                    None => served.serve(stream, front, Spoken::Any).await,
                     Some(tls) => {
-                        if let Some(stream) = Box::pin(tls.accept(stream)).await {
-                            Box::pin(connection(stream, &builder, service, watcher)).await;
+                        let mut accept = Box::pin(tls.accept(stream));
+                        let accepted = entered.activity().unless_told(accept.as_mut()).await;
+                        drop(accept);
+                        if let Some((stream, spoken)) = accepted.flatten() {
+                            Box::pin(served.serve(stream, front, spoken)).await;
                         }
                     }
                 }
-                drop(permit);
+                drop(entered);
             };
             match &mut self.workers {
-                Some(workers) => workers.give(|| drop(tokio::spawn(served))),
-                None => drop(tokio::spawn(served)),
+                Some(workers) => workers.give(|| drop(tokio::spawn(serve))),
+                None => drop(tokio::spawn(serve)),
             }
-        }
-        if let Some(reload) = reload {
-            reload.abort();
         }
         close.abort();
         state.drain();
         drop(self.listener);
-        if tokio::time::timeout(DRAIN, graceful.shutdown())
+        if tokio::time::timeout(DRAIN, connections.gone())
             .await
             .is_err()
         {
             tracing::warn!("connections cut after {} s", DRAIN.as_secs());
         }
     }
+}
+
+/// Which connection of this process it is.
+fn next_number() -> u64 {
+    static CONNECTIONS: AtomicU64 = AtomicU64::new(1);
+    CONNECTIONS.fetch_add(1, Ordering::Relaxed)
 }
 
 /// As `TcpListener::bind`, with a longer queue: a thousand viewers may come at once.
@@ -177,69 +214,6 @@ async fn bind(listen: &str) -> io::Result<TcpListener> {
     Err(last)
 }
 
-fn builder() -> Builder<TokioExecutor> {
-    let mut builder = Builder::new(TokioExecutor::new());
-    builder
-        .http1()
-        .timer(TokioTimer::new())
-        .half_close(true)
-        .header_read_timeout(HEAD_TIMEOUT);
-    builder
-        .http2()
-        .timer(TokioTimer::new())
-        .keep_alive_interval(PING)
-        .keep_alive_timeout(PING)
-        .max_concurrent_streams(200);
-    builder
-}
-
-/// Serves one connection until it ends: pages by [`http1`], all else by hyper.
-async fn connection<S>(
-    stream: S,
-    builder: &Builder<TokioExecutor>,
-    service: Front,
-    watcher: Watcher,
-) where
-    S: OverTcp + AsyncRead + AsyncWrite + Send + Unpin + 'static,
-{
-    let memory = Arc::clone(service.state().0.pages.memory());
-    let mut socket = Socket::new(stream, Arc::clone(&memory));
-    let done = match http1::serve(&mut socket, &service, HEAD_TIMEOUT).await {
-        Ok(None) => Ok(()),
-        Ok(Some(read)) => {
-            let is_http2 = read.starts_with(b"PRI");
-            if is_http2 && let Err(error) = take_no_more(socket.stream().tcp(), HTTP2_UNSENT_BYTES)
-            {
-                tracing::debug!("connection: {error}");
-                return;
-            }
-            socket.unread(read);
-            socket.read_within(HEAD_TIMEOUT, PREFACE_BYTES);
-            let sending = Arc::clone(service.sending());
-            let gathered = is_http2.then(|| Arc::clone(&sending));
-            let gather = Gather::new(socket, Arc::clone(&memory), gathered);
-            let connection = builder.serve_connection(TokioIo::new(gather.clone()), service);
-            // Boxed: many connections never get here, and this is most of their size.
-            let mut served = Box::pin(watcher.watch(connection.into_owned()));
-            let served = poll_fn(|context| {
-                let served = served.as_mut().poll(context);
-                match gather.poll_send(context) {
-                    Ok(()) => served,
-                    Err(error) => Poll::Ready(Err(error.into())),
-                }
-            });
-            tokio::select! {
-                served = served => served,
-                () = sending.stalled(&memory) => Err("nothing of the answers was taken".into()),
-            }
-        }
-        Err(error) => Err(error.into()),
-    };
-    if let Err(error) = done {
-        tracing::debug!("connection: {error}");
-    }
-}
-
 /// Sends at once, and lets what is written last go out soon: the system takes no more than it is about to send.
 fn prepare(stream: &TcpStream) -> io::Result<()> {
     stream.set_nodelay(true)?;
@@ -247,25 +221,23 @@ fn prepare(stream: &TcpStream) -> io::Result<()> {
 }
 
 #[cfg(target_os = "linux")]
-fn take_no_more(stream: &TcpStream, unsent_bytes: u32) -> io::Result<()> {
+pub(super) fn take_no_more(stream: &TcpStream, unsent_bytes: u32) -> io::Result<()> {
     socket2::SockRef::from(stream).set_tcp_notsent_lowat(unsent_bytes)
 }
 
 #[cfg(not(target_os = "linux"))]
-fn take_no_more(_: &TcpStream, _: u32) -> io::Result<()> {
+pub(super) fn take_no_more(_: &TcpStream, _: u32) -> io::Result<()> {
     Ok(())
 }
 
-/// A connection that went before it was accepted is nothing; anything else (no descriptors left) passes with time.
-async fn pause_after(error: io::Error) {
+/// Whether a connection went before it was accepted, which is nothing; anything else (no
+/// descriptors left) passes with time.
+fn is_peers(error: &io::Error) -> bool {
     use io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
-    if !matches!(
+    matches!(
         error.kind(),
         ConnectionAborted | ConnectionRefused | ConnectionReset
-    ) {
-        tracing::error!("accept: {error}");
-        tokio::time::sleep(Duration::from_millis(200)).await;
-    }
+    )
 }
 
 /// SIGTERM and SIGINT; taken from the moment this is made, so that none between "listening" and the first wait is lost.

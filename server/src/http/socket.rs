@@ -17,10 +17,11 @@ use tokio::net::TcpStream;
 use tokio::time::{Instant, Sleep};
 use tokio_rustls::server::TlsStream;
 
+use super::activity::Activity;
 use super::memory::Memory;
 
-/// Bytes that tell the protocol: the length of HTTP/2's preface.
-pub(super) const PREFACE_BYTES: usize = 24;
+/// HTTP/2 begins with it, and nothing else does.
+pub(super) const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
 
 /// What speaks over TCP in the end.
 pub(super) trait OverTcp {
@@ -62,19 +63,21 @@ pub(super) struct Socket<S> {
     /// Since when nothing was taken of what is written.
     writing: Option<Instant>,
     memory: Arc<Memory>,
+    activity: Arc<Activity>,
     /// Set to one of the deadlines only where nothing can be read or written, so that it costs nothing while bytes move.
     timer: Pin<Box<Sleep>>,
 }
 
 impl<S> Socket<S> {
     /// Who takes nothing of an answer for as long as `memory` has patience is given up.
-    pub(super) fn new(stream: S, memory: Arc<Memory>) -> Self {
+    pub(super) fn new(stream: S, memory: Arc<Memory>, activity: Arc<Activity>) -> Self {
         Self {
             stream,
             unread: Bytes::new(),
             reading: None,
             writing: None,
             memory,
+            activity,
             timer: Box::pin(tokio::time::sleep(Memory::look_again())),
         }
     }
@@ -89,9 +92,12 @@ impl<S> Socket<S> {
         self.unread = bytes;
     }
 
-    /// So many `bytes` more, given back ones too, have to come within this time.
-    pub(super) fn read_within(&mut self, time: Duration, bytes: usize) {
-        self.reading = Some((bytes, Instant::now() + time));
+    /// So many `bytes` more, given back ones too, have to come within this time, which begins now;
+    /// gives when that is.
+    pub(super) fn read_within(&mut self, time: Duration, bytes: usize) -> Instant {
+        let now = Instant::now();
+        self.reading = Some((bytes, now + time));
+        now
     }
 
     fn has_read(&mut self, bytes: usize) {
@@ -130,10 +136,13 @@ impl<S> Socket<S> {
         context: &mut Context<'_>,
     ) -> Poll<io::Result<usize>> {
         if written.is_ready() {
-            self.writing = None;
+            if self.writing.take().is_some() {
+                self.activity.set_stalled(None);
+            }
             return written;
         }
         let since = *self.writing.get_or_insert_with(Instant::now);
+        self.activity.set_stalled(Some(since));
         loop {
             let again = Instant::now() + Memory::look_again();
             let until = (since + self.memory.patience()).min(again);
@@ -188,6 +197,10 @@ impl<S: AsyncRead + Unpin> AsyncRead for Socket<S> {
             let bytes = self.unread.len().min(buffer.remaining());
             buffer.put_slice(&self.unread[..bytes]);
             self.unread.advance(bytes);
+            if self.unread.is_empty() {
+                // Nothing is left of what they lie in, either.
+                self.unread = Bytes::new();
+            }
             self.has_read(bytes);
             return Poll::Ready(Ok(()));
         }
@@ -244,14 +257,14 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn a_silent_connection_ends_and_one_that_spoke_stays() {
-        for (says, ends) in [(0, true), (PREFACE_BYTES - 1, true), (PREFACE_BYTES, false)] {
+        for (says, ends) in [(0, true), (PREFACE.len() - 1, true), (PREFACE.len(), false)] {
             let (mut client, stream) = duplex(1024);
-            let mut socket = Socket::new(stream, Arc::default());
-            socket.read_within(SHORT, PREFACE_BYTES);
+            let mut socket = Socket::new(stream, Arc::default(), Arc::default());
+            socket.read_within(SHORT, PREFACE.len());
             socket.unread(Bytes::from_static(b"xy").slice(..says.min(2)));
             let more = vec![b'x'; says.saturating_sub(2)];
             client.write_all(&more).await.expect("writes");
-            let mut bytes = [0; 2 * PREFACE_BYTES];
+            let mut bytes = [0; 2 * PREFACE.len()];
             let read = async {
                 loop {
                     match socket.read(&mut bytes).await {
@@ -276,7 +289,7 @@ mod tests {
             // Of whole milliseconds, which is what tokio's clock counts.
             let within = patience - Duration::from_millis(50);
             let (mut client, stream) = duplex(16);
-            let mut socket = Socket::new(stream, Arc::clone(&memory));
+            let mut socket = Socket::new(stream, Arc::clone(&memory), Arc::default());
             let began = Instant::now();
             // A slow client: 8 bytes at a time, each within the time.
             let slow = async {
@@ -296,7 +309,7 @@ mod tests {
     async fn patience_ends_when_memory_gets_short() {
         let memory = Arc::new(Memory::default());
         let (_client, stream) = duplex(16);
-        let mut socket = Socket::new(stream, Arc::clone(&memory));
+        let mut socket = Socket::new(stream, Arc::clone(&memory), Arc::default());
         let began = Instant::now();
         let fills = async {
             tokio::time::sleep(Duration::from_secs(11)).await;

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use rustls::ServerConfig;
 use rustls::crypto::ring;
@@ -15,10 +15,10 @@ use tokio::net::TcpStream;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 
+use super::connection::Spoken;
+
 /// Longest handshake.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time between two looks at the files.
-const RELOAD_EVERY: Duration = Duration::from_secs(5);
 
 /// Why there is no TLS: one line.
 #[derive(Debug, thiserror::Error)]
@@ -101,10 +101,17 @@ impl Tls {
         })
     }
 
-    /// The handshake; none where it fails or takes too long.
-    pub(super) async fn accept(&self, stream: TcpStream) -> Option<TlsStream<TcpStream>> {
+    /// The handshake, and what it agrees on; none where it fails or takes too long.
+    pub(super) async fn accept(&self, stream: TcpStream) -> Option<(TlsStream<TcpStream>, Spoken)> {
         match tokio::time::timeout(HANDSHAKE_TIMEOUT, self.acceptor.0.accept(stream)).await {
-            Ok(Ok(stream)) => Some(stream),
+            Ok(Ok(stream)) => {
+                // HTTP/2 over TLS is agreed on, or it is not HTTP/2 (RFC 9113, section 3.2).
+                let spoken = match stream.get_ref().1.alpn_protocol() {
+                    Some(b"h2") => Spoken::Http2,
+                    _ => Spoken::Http1,
+                };
+                Some((stream, spoken))
+            }
             Ok(Err(error)) => {
                 tracing::debug!("handshake: {error}");
                 None
@@ -119,21 +126,13 @@ impl Tls {
         }
     }
 
-    /// Reads the files again whenever they change, for ever. What cannot be used is told, and the old pair stays.
-    pub(super) async fn reload(self) {
-        let mut seen = changed(&self.pair.files);
-        loop {
-            tokio::time::sleep(RELOAD_EVERY).await;
-            let now = changed(&self.pair.files);
-            if now == seen {
-                continue;
-            }
-            seen = now;
-            self.read_again();
-        }
+    /// Certificates and key.
+    pub(super) fn files(&self) -> &[PathBuf; 2] {
+        &self.pair.files
     }
 
-    fn read_again(&self) {
+    /// Reads the files again. A bad pair is told, and the old one stays.
+    pub(super) fn read_again(&self) {
         match read(&self.pair.files) {
             Ok(pair) => {
                 let mut now = self
@@ -147,14 +146,6 @@ impl Tls {
             Err(error) => tracing::error!("the old certificate stays: {error}"),
         }
     }
-}
-
-fn changed(files: &[PathBuf; 2]) -> [Option<SystemTime>; 2] {
-    [0, 1].map(|file| {
-        std::fs::metadata(&files[file])
-            .and_then(|metadata| metadata.modified())
-            .ok()
-    })
 }
 
 fn read(files: &[PathBuf; 2]) -> Result<CertifiedKey, TlsError> {

@@ -1,163 +1,283 @@
-//! Tokens: who holds one of them may do what the file that they come from is for.
+//! Tokens: each gives its holder the scenes of its line. Their file is read again when it changes;
+//! a bad one leaves the old tokens as they are.
 
+use std::collections::HashMap;
+use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock};
 
 use axum::http::HeaderMap;
 use axum::http::header::AUTHORIZATION;
 use lodestream_format::ContentHash;
 
-use super::error::HttpError;
+use super::scene_words::SceneWords;
+use super::token_lines::{self, TokenLine};
 
-/// Shortest token: what can be guessed is none.
-const MIN_BYTES: usize = 16;
+pub use super::token_lines::TokensError;
 
-/// Why there are no tokens.
-#[derive(Debug, thiserror::Error)]
-pub enum TokensError {
-    /// The file cannot be read.
-    #[error("{}: cannot read: {cause}", file.display())]
-    Read {
-        /// The file.
-        file: PathBuf,
-        /// The system's reason.
-        cause: std::io::Error,
-    },
-    /// A line that is no token, or no line at all.
-    #[error("{}: expected {expected}, found {found}", file.display())]
-    Line {
-        /// The file.
-        file: PathBuf,
-        /// What lines are.
-        expected: &'static str,
-        /// What is there; never the line itself.
-        found: String,
-    },
+/// The tokens of a file; clones share them.
+#[derive(Debug, Clone)]
+pub struct Tokens(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
+    file: PathBuf,
+    use_of: Use,
+    now: RwLock<Arc<Rules>>,
 }
 
-/// The hashes of some tokens: comparing these tells nothing of how far a guess is right.
-#[derive(Debug, Clone)]
-pub struct Tokens(Vec<ContentHash>);
+/// The use of tokens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Use {
+    Read,
+    Upload,
+}
+
+/// The rules of the file. Tokens are kept as hashes: comparing these tells nothing of how far a
+/// guess is right, and looking one up nothing of its line.
+#[derive(Debug)]
+struct Rules {
+    lines: Vec<TokenLine>,
+    scopes: HashMap<ContentHash, Scope>,
+    /// All that lines name, in lower case.
+    named: SceneWords,
+}
+
+/// The scenes of a token.
+#[derive(Debug)]
+enum Scope {
+    /// Those that its line names.
+    Named(SceneWords),
+    /// Its line names none: those that no line of the readers names.
+    Unprotected,
+}
+
+/// The worth of a request's token for a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Worth {
+    /// There is none, or none that is known.
+    Unknown,
+    /// It is for other scenes.
+    Elsewhere,
+    /// It is for this one.
+    Here,
+}
 
 impl Tokens {
-    /// Reads a file with a token a line; blank lines and those that begin with `#` are none.
+    /// Reads `--read-tokens`: each line names the scenes that its token reads, and so protects.
     ///
     /// # Errors
-    /// A file that cannot be read, has no token, or one that is too short.
-    pub fn read(file: &Path) -> Result<Self, TokensError> {
-        let lines = lines(
-            file,
-            "tokens of 16 bytes or more without spaces, one a line",
-        )?;
-        let tokens = lines.iter().map(|line| match line.words.is_empty() {
-            true => Ok(line.token),
-            false => Err(line.wrong(file)),
-        });
-        tokens.collect::<Result<_, _>>().map(Self)
+    /// A file that cannot be read, has no token, or a line that means nothing.
+    pub fn from_read_file(file: &Path) -> Result<Self, TokensError> {
+        Self::new(file, Use::Read)
     }
 
-    /// Fails unless the request has one of the tokens.
-    pub(super) fn check(&self, request: &HeaderMap) -> Result<(), HttpError> {
-        let token = token_of(request);
-        match token.is_some_and(|token| self.0.contains(&token)) {
-            true => Ok(()),
-            false => Err(HttpError::NoToken),
-        }
-    }
-}
-
-/// Which tokens read which scenes. What no line names is open to all, and who knows the hash of an object has been told it by who may
-/// read.
-#[derive(Debug, Clone)]
-pub struct ReadTokens(Vec<(ContentHash, Vec<String>)>);
-
-impl ReadTokens {
-    /// Reads a file with lines of a token and the scenes that it reads, `*` at the end of a name for all that begin so.
+    /// Reads `--upload-tokens`: the same, but that a token alone is for all that is not protected.
     ///
     /// # Errors
-    /// As [`Tokens::read`], and a line without a scene.
-    pub fn read(file: &Path) -> Result<Self, TokensError> {
-        let lines = lines(
-            file,
-            "lines of a token of 16 bytes or more and scenes that it reads",
-        )?;
-        let tokens = lines.into_iter().map(|line| match line.words.is_empty() {
-            true => Err(line.wrong(file)),
-            false => Ok((line.token, line.words)),
-        });
-        tokens.collect::<Result<_, _>>().map(Self)
+    /// As [`Tokens::from_read_file`].
+    pub fn from_upload_file(file: &Path) -> Result<Self, TokensError> {
+        Self::new(file, Use::Upload)
     }
 
-    /// Fails unless all may read `scene`, or the request has a token that does.
-    pub(super) fn check(&self, request: &HeaderMap, scene: &str) -> Result<(), HttpError> {
-        let names = |words: &[String]| {
-            words.iter().any(|word| match word.strip_suffix('*') {
-                Some(begin) => scene.starts_with(begin),
-                None => word == scene,
-            })
-        };
-        let mut readers = self.0.iter().filter(|(_, words)| names(words)).peekable();
-        let token = token_of(request);
-        match readers.peek().is_none() || readers.any(|(reader, _)| Some(*reader) == token) {
-            true => Ok(()),
-            false => Err(HttpError::NoToken),
-        }
-    }
-}
-
-/// The hash of the token that a request has.
-fn token_of(request: &HeaderMap) -> Option<ContentHash> {
-    let given = request.get(AUTHORIZATION)?.as_bytes();
-    let token = given.strip_prefix(b"Bearer ")?;
-    Some(ContentHash::of(token.trim_ascii()))
-}
-
-struct Line {
-    number: usize,
-    expected: &'static str,
-    token: ContentHash,
-    words: Vec<String>,
-}
-
-impl Line {
-    fn wrong(&self, file: &Path) -> TokensError {
-        TokensError::Line {
+    fn new(file: &Path, use_of: Use) -> Result<Self, TokensError> {
+        Ok(Self(Arc::new(Shared {
+            now: RwLock::new(Arc::new(Rules::read(file, use_of)?)),
             file: file.to_owned(),
-            expected: self.expected,
-            found: format!("line {} with {} more words", self.number, self.words.len()),
+            use_of,
+        })))
+    }
+
+    /// Where they come from.
+    pub fn file(&self) -> &Path {
+        &self.0.file
+    }
+
+    /// Reads the file again. `scenes` are the library's, where they are known.
+    ///
+    /// # Errors
+    /// As the first time, and a token that names a scene: the old tokens stay.
+    pub fn read_again(&self, scenes: &[String]) -> Result<(), TokensError> {
+        let rules = Rules::read(&self.0.file, self.0.use_of)?;
+        self.check_order(&rules, scenes)?;
+        *self.0.now.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(rules);
+        Ok(())
+    }
+
+    /// How many of `scenes`, which are the library's, each line covers; `readers` say what is
+    /// protected.
+    ///
+    /// # Errors
+    /// A token that is the name of a scene: its line is the wrong way round, and protects nothing.
+    pub fn coverage(
+        &self,
+        scenes: &[String],
+        readers: Option<&Tokens>,
+    ) -> Result<Vec<Coverage>, TokensError> {
+        let rules = self.rules();
+        self.check_order(&rules, scenes)?;
+        let does = match self.0.use_of {
+            Use::Read => "reads",
+            Use::Upload => "uploads to",
+        };
+        let of_line = |line: &TokenLine| {
+            let words = line.words.iter().map(|word| {
+                let count = scenes.iter().filter(|scene| word.names(scene)).count();
+                (word.to_string(), count)
+            });
+            let covers = |scene: &&String| match line.words.is_empty() {
+                true => !readers.is_some_and(|readers| readers.protects(scene)),
+                false => line.words.iter().any(|word| word.names(scene)),
+            };
+            Coverage {
+                file: self.0.file.clone(),
+                line: line.number,
+                does,
+                words: words.collect(),
+                scenes: scenes.iter().filter(covers).count(),
+            }
+        };
+        Ok(rules.lines.iter().map(of_line).collect())
+    }
+
+    /// Whether users of the machine other than its owner can read the file.
+    pub fn is_exposed(&self) -> bool {
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::MetadataExt;
+            std::fs::metadata(&self.0.file).is_ok_and(|file| file.mode() & 0o077 != 0)
         }
+        #[cfg(not(unix))]
+        false
+    }
+
+    /// Whether a line names `scene`, in whatever case: some stores do not tell cases apart.
+    pub(super) fn protects(&self, scene: &str) -> bool {
+        self.rules().named.names(&scene.to_ascii_lowercase())
+    }
+
+    /// If the request's token is for all scenes (`*`).
+    pub(super) fn covers_all(&self, request: &HeaderMap) -> bool {
+        let rules = self.rules();
+        let scope = token_of(request).and_then(|token| rules.scopes.get(&token));
+        // The empty text begins with the empty prefix alone.
+        matches!(scope, Some(Scope::Named(words)) if words.names(""))
+    }
+
+    /// The worth of the request's token for `scene`.
+    pub(super) fn worth(&self, request: &HeaderMap, scene: &str, is_protected: bool) -> Worth {
+        let rules = self.rules();
+        let scope = token_of(request).and_then(|token| rules.scopes.get(&token));
+        let is_here = |scope: &Scope| match scope {
+            Scope::Named(words) => words.names(scene),
+            Scope::Unprotected => !is_protected,
+        };
+        match scope {
+            None => Worth::Unknown,
+            Some(scope) if is_here(scope) => Worth::Here,
+            Some(_) => Worth::Elsewhere,
+        }
+    }
+
+    fn rules(&self) -> Arc<Rules> {
+        // A writer only swaps the pointer.
+        let now = self.0.now.read().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(&now)
+    }
+
+    fn check_order(&self, rules: &Rules, scenes: &[String]) -> Result<(), TokensError> {
+        let is_token = |scene: &&String| {
+            let hash = ContentHash::of(scene.as_bytes());
+            rules.scopes.contains_key(&hash)
+        };
+        let Some(scene) = scenes.iter().find(is_token) else {
+            return Ok(());
+        };
+        let token = ContentHash::of(scene.as_bytes());
+        let line = rules.lines.iter().find(|line| line.token == token);
+        Err(TokensError::Line {
+            file: self.0.file.clone(),
+            line: line.map_or(0, |line| line.number),
+            found: "the name of a scene as token".to_owned(),
+        })
     }
 }
 
-fn lines(file: &Path, expected: &'static str) -> Result<Vec<Line>, TokensError> {
-    let text = std::fs::read_to_string(file).map_err(|cause| TokensError::Read {
-        file: file.to_owned(),
-        cause,
-    })?;
-    let wrong = |found: String| TokensError::Line {
-        file: file.to_owned(),
-        expected,
-        found,
-    };
-    let mut lines = Vec::new();
-    for (number, line) in (1..).zip(text.lines()) {
-        let mut words = line.split_whitespace();
-        let Some(token) = words.next().filter(|word| !word.starts_with('#')) else {
-            continue;
-        };
-        if token.len() < MIN_BYTES {
-            return Err(wrong(format!("one of {} in line {number}", token.len())));
+impl Rules {
+    fn read(file: &Path, use_of: Use) -> Result<Self, TokensError> {
+        let lines = token_lines::read(file)?;
+        let bare = lines.iter().find(|line| line.words.is_empty());
+        if let Some(bare) = bare.filter(|_| use_of == Use::Read) {
+            return Err(TokensError::Line {
+                file: file.to_owned(),
+                line: bare.number,
+                found: "a token without a scene".to_owned(),
+            });
         }
-        lines.push(Line {
-            number,
-            expected,
-            token: ContentHash::of(token.as_bytes()),
-            words: words.map(str::to_owned).collect(),
-        });
+        let scope = |line: &TokenLine| match line.words.is_empty() {
+            true => Scope::Unprotected,
+            false => Scope::Named(SceneWords::new(line.words.iter().cloned())),
+        };
+        let words = lines.iter().flat_map(|line| &line.words);
+        Ok(Self {
+            named: SceneWords::new(words.map(|word| word.to_lower())),
+            scopes: lines.iter().map(|line| (line.token, scope(line))).collect(),
+            lines,
+        })
     }
-    match lines.is_empty() {
-        true => Err(wrong("none".to_owned())),
-        false => Ok(lines),
+}
+
+/// How many scenes a line covers now.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Coverage {
+    file: PathBuf,
+    line: usize,
+    does: &'static str,
+    /// The line's words, each with its scenes.
+    words: Vec<(String, usize)>,
+    scenes: usize,
+}
+
+impl Coverage {
+    /// Warnings for words that cover no scene; it may come later, or the word be a mistake. Not
+    /// quoted: it may also be a token.
+    pub fn warnings(&self) -> impl Iterator<Item = String> + '_ {
+        let idle = (2..)
+            .zip(&self.words)
+            .filter(|(_, (_, scenes))| *scenes == 0);
+        idle.map(|(at, _)| {
+            let (file, line) = (self.file.display(), self.line);
+            format!("{file}: line {line}: word {at} names no scene of the library")
+        })
     }
+}
+
+impl Display for Coverage {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        let (file, line, does) = (self.file.display(), self.line, self.does);
+        write!(f, "{file}: line {line} {does} {} scenes", self.scenes)?;
+        if self.words.is_empty() {
+            return write!(f, ": all but those that a line of --read-tokens names");
+        }
+        for (at, (word, scenes)) in (2..).zip(&self.words) {
+            let separator = if at == 2 { ":" } else { "," };
+            match scenes {
+                0 => write!(f, "{separator} word {at} none")?,
+                scenes => write!(f, "{separator} {word} {scenes}")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The hash of the token that a request has; none where it has several.
+fn token_of(request: &HeaderMap) -> Option<ContentHash> {
+    let mut given = request.get_all(AUTHORIZATION).iter();
+    let (Some(only), None) = (given.next(), given.next()) else {
+        return None;
+    };
+    let token = only.as_bytes().strip_prefix(b"Bearer ")?;
+    Some(ContentHash::of(token.trim_ascii()))
 }
 
 #[cfg(test)]
@@ -165,70 +285,179 @@ mod tests {
     use super::*;
     use axum::http::HeaderValue;
 
-    #[test]
-    fn tokens_are_lines_and_only_they_pass() {
-        let folder = tempfile::tempdir().expect("a folder");
+    const FIRST: &str = "0123456789abcdef";
+    const SECOND: &str = "fedcba9876543210";
+
+    fn file(folder: &tempfile::TempDir, text: &str) -> PathBuf {
         let file = folder.path().join("tokens");
-        let read = |text: &str| {
-            std::fs::write(&file, text).expect("writes");
-            Tokens::read(&file)
-        };
-        for bad in ["", "# none\n\n", "short\n", "0123456789abcdef behind it\n"] {
-            let error = read(bad).expect_err(bad).to_string();
-            assert!(!error.contains("behind") && error.contains("one a line"));
+        std::fs::write(&file, text).expect("writes");
+        file
+    }
+
+    fn request(values: &[&str]) -> HeaderMap {
+        let mut request = HeaderMap::new();
+        for value in values {
+            let value = HeaderValue::from_str(value).expect("visible");
+            request.append(AUTHORIZATION, value);
         }
-        assert!(Tokens::read(&folder.path().join("none")).is_err());
-        let tokens = read("# ours\n0123456789abcdef\n  fedcba9876543210  \n").expect("two");
-        for (value, passes) in [
-            (Some("Bearer 0123456789abcdef"), true),
-            (Some("Bearer fedcba9876543210"), true),
-            (Some("Bearer 0123456789abcde"), false),
-            (Some("0123456789abcdef"), false),
-            (Some("Basic 0123456789abcdef"), false),
-            (Some("Bearer "), false),
-            (Some("Bearer # ours"), false),
-            (None, false),
-        ] {
-            let mut request = HeaderMap::new();
-            if let Some(value) = value {
-                request.insert(AUTHORIZATION, HeaderValue::from_static(value));
-            }
-            assert_eq!(tokens.check(&request).is_ok(), passes, "{value:?}");
-        }
+        request
+    }
+
+    fn bearer(token: &str) -> HeaderMap {
+        request(&[&format!("Bearer {token}")])
     }
 
     #[test]
-    fn scenes_that_a_line_names_are_read_with_its_token_alone() {
+    fn only_one_known_bearer_token_is_worth_anything() {
         let folder = tempfile::tempdir().expect("a folder");
-        let file = folder.path().join("tokens");
-        let read = |text: &str| {
-            std::fs::write(&file, text).expect("writes");
-            ReadTokens::read(&file)
-        };
-        for bad in ["", "0123456789abcdef\n", "short city\n"] {
-            assert!(read(bad).is_err(), "{bad}");
-        }
-        let first = "0123456789abcdef";
-        let second = "fedcba9876543210";
-        let tokens = read(&format!("{first} city acme-*\n# all\n{second} city\n"));
-        let tokens = tokens.expect("two lines");
-        for (scene, token, passes) in [
-            ("rock", None, true),
-            ("rock", Some("unknown"), true),
-            ("city", None, false),
-            ("city", Some(first), true),
-            ("city", Some(second), true),
-            ("acme-1", Some(first), true),
-            ("acme-1", Some(second), false),
-            ("acme", Some(second), true),
+        let file = file(&folder, &format!("# ours\n{FIRST}\n  {SECOND}  \n"));
+        let tokens = Tokens::from_upload_file(&file).expect("two");
+        for (values, worth) in [
+            (&["Bearer 0123456789abcdef"][..], Worth::Here),
+            (&["bearer fedcba9876543210"], Worth::Unknown),
+            (&["Bearer 0123456789abcde"], Worth::Unknown),
+            (&["0123456789abcdef"], Worth::Unknown),
+            (&["Basic 0123456789abcdef"], Worth::Unknown),
+            (&["Bearer "], Worth::Unknown),
+            (&["Bearer"], Worth::Unknown),
+            (&["Bearer # ours"], Worth::Unknown),
+            (
+                &["Bearer 0123456789abcdef", "Bearer 0123456789abcdef"],
+                Worth::Unknown,
+            ),
+            (&["Bearer x", "Bearer 0123456789abcdef"], Worth::Unknown),
+            (&[], Worth::Unknown),
         ] {
-            let mut request = HeaderMap::new();
-            if let Some(token) = token {
-                let value = HeaderValue::from_str(&format!("Bearer {token}"));
-                request.insert(AUTHORIZATION, value.expect("visible"));
-            }
-            let found = tokens.check(&request, scene).is_ok();
-            assert_eq!(found, passes, "{scene} {token:?}");
+            let found = tokens.worth(&request(values), "city", false);
+            assert_eq!(found, worth, "{values:?}");
+        }
+        assert!(Tokens::from_read_file(&file).is_err(), "no scenes");
+        assert!(Tokens::from_read_file(&folder.path().join("none")).is_err());
+    }
+
+    #[test]
+    fn a_token_is_worth_something_for_its_scenes_alone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let text = format!("{FIRST} city acme-*\n# all\n{SECOND} city\n");
+        let tokens = Tokens::from_read_file(&file(&folder, &text)).expect("two lines");
+        for (scene, is_protected, first, second) in [
+            ("rock", false, Worth::Elsewhere, Worth::Elsewhere),
+            ("city", true, Worth::Here, Worth::Here),
+            ("City", true, Worth::Elsewhere, Worth::Elsewhere),
+            ("acme-1", true, Worth::Here, Worth::Elsewhere),
+            ("ACME-1", true, Worth::Elsewhere, Worth::Elsewhere),
+            ("acme", false, Worth::Elsewhere, Worth::Elsewhere),
+        ] {
+            assert_eq!(tokens.protects(scene), is_protected, "{scene}");
+            assert_eq!(
+                tokens.worth(&bearer(FIRST), scene, is_protected),
+                first,
+                "{scene}"
+            );
+            assert_eq!(
+                tokens.worth(&bearer(SECOND), scene, is_protected),
+                second,
+                "{scene}"
+            );
+        }
+        let text = format!("{FIRST}\n{SECOND} *\n");
+        let uploads = Tokens::from_upload_file(&file(&folder, &text)).expect("two lines");
+        let worth = |token, is_protected| uploads.worth(&bearer(token), "city", is_protected);
+        assert_eq!(
+            (worth(FIRST, false), worth(FIRST, true)),
+            (Worth::Here, Worth::Elsewhere)
+        );
+        assert_eq!(
+            (worth(SECOND, false), worth(SECOND, true)),
+            (Worth::Here, Worth::Here)
+        );
+    }
+
+    #[test]
+    fn a_file_is_read_again_and_one_that_is_wrong_changes_nothing() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = file(&folder, &format!("{FIRST} city\n"));
+        let tokens = Tokens::from_read_file(&path).expect("a line");
+        let shared = tokens.clone();
+        let scenes = ["city".to_owned(), SECOND.to_owned()];
+        for bad in [
+            "",
+            "# none\n",
+            &format!("{FIRST} c*ty\n"),
+            FIRST,
+            &format!("{SECOND} city\n"),
+        ] {
+            file(&folder, bad);
+            let error = tokens.read_again(&scenes).expect_err(bad).to_string();
+            assert!(!error.contains(FIRST) && !error.contains(SECOND), "{error}");
+            assert_eq!(
+                shared.worth(&bearer(FIRST), "city", true),
+                Worth::Here,
+                "{bad}"
+            );
+        }
+        std::fs::remove_file(&path).expect("removes");
+        assert!(tokens.read_again(&scenes).is_err() && tokens.protects("city"));
+        file(&folder, "another-token-of-16 rock\n");
+        tokens.read_again(&scenes).expect("another line");
+        assert_eq!(shared.worth(&bearer(FIRST), "city", true), Worth::Unknown);
+        assert!(shared.protects("rock") && !shared.protects("city"));
+    }
+
+    #[test]
+    fn lines_tell_their_scenes_and_never_their_tokens() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let scenes = ["acme-1", "acme-2", "city", "rock"].map(str::to_owned);
+        let text = format!("{FIRST} acme-* city mistaken-token-1\n\n{SECOND} none\n");
+        let readers = Tokens::from_read_file(&file(&folder, &text)).expect("two lines");
+        let lines = readers.coverage(&scenes, None).expect("in order");
+        let told: Vec<_> = lines.iter().map(Coverage::to_string).collect();
+        assert!(
+            told[0].ends_with("line 1 reads 3 scenes: acme-* 2, city 1, word 4 none"),
+            "{told:?}"
+        );
+        assert!(
+            told[1].ends_with("line 3 reads 0 scenes: word 2 none"),
+            "{told:?}"
+        );
+        let warnings: Vec<_> = lines.iter().flat_map(Coverage::warnings).collect();
+        assert!(warnings[0].ends_with("line 1: word 4 names no scene of the library"));
+        assert_eq!(warnings.len(), 2);
+        let uploads = folder.path().join("uploads");
+        std::fs::write(&uploads, format!("{FIRST}\n{SECOND} *\n")).expect("writes");
+        let uploads = Tokens::from_upload_file(&uploads).expect("two lines");
+        let lines = uploads.coverage(&scenes, Some(&readers)).expect("in order");
+        let told: Vec<_> = lines.iter().map(Coverage::to_string).collect();
+        assert!(
+            told[0].contains("line 1 uploads to 1 scenes: all but"),
+            "{told:?}"
+        );
+        assert!(
+            told[1].ends_with("line 2 uploads to 4 scenes: * 4"),
+            "{told:?}"
+        );
+        let turned = [FIRST.to_owned()];
+        let error = readers
+            .coverage(&turned, None)
+            .expect_err("is refused")
+            .to_string();
+        assert!(
+            error.contains("line 1:") && !error.contains(FIRST),
+            "{error}"
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_that_others_can_read_is_exposed() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = file(&folder, &format!("{FIRST} city\n"));
+        let tokens = Tokens::from_read_file(&path).expect("a line");
+        for (mode, is_exposed) in [(0o600, false), (0o400, false), (0o640, true), (0o604, true)] {
+            let mode = std::fs::Permissions::from_mode(mode);
+            std::fs::set_permissions(&path, mode).expect("is ours");
+            assert_eq!(tokens.is_exposed(), is_exposed);
         }
     }
 }

@@ -7,6 +7,10 @@ use std::thread::JoinHandle;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 
+/// Threads beside each that wait for the disk. More do not make it faster, and each keeps memory of
+/// its own.
+const BLOCKING_THREADS: usize = 32;
+
 /// Begins to serve a connection; called on its thread, within its runtime.
 type Begin = Box<dyn FnOnce() + Send>;
 
@@ -27,7 +31,10 @@ impl Workers {
     /// Starts `threads` of them.
     pub(super) fn start(threads: usize) -> io::Result<Self> {
         let workers = (0..threads).map(|number| {
-            let runtime = Builder::new_current_thread().enable_all().build()?;
+            let runtime = Builder::new_current_thread()
+                .enable_all()
+                .max_blocking_threads(BLOCKING_THREADS)
+                .build()?;
             let (connections, receiver) = unbounded_channel();
             let thread = std::thread::Builder::new().name(format!("serve {number}"));
             Ok(Worker {

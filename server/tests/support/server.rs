@@ -4,9 +4,9 @@ use std::net::SocketAddr;
 use std::sync::Once;
 
 use lodestream_format::wire::{Block, BlockReader};
-use lodestream_server::http::AppState;
 use lodestream_server::http::limits::ClientLimits;
 use lodestream_server::http::serve::Server;
+use lodestream_server::http::{AppState, StateOptions};
 use lodestream_server::library::Library;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::sync::oneshot;
@@ -24,7 +24,16 @@ impl Running {
     }
 
     pub async fn start_limited(library: Library, limits: ClientLimits) -> Self {
-        Self::over(AppState::with_limits(library, 1 << 20, limits)).await
+        let options = StateOptions {
+            cache_bytes: 1 << 20,
+            limits,
+            ..StateOptions::default()
+        };
+        Self::start_with(library, options).await
+    }
+
+    pub async fn start_with(library: Library, options: StateOptions) -> Self {
+        Self::over(AppState::with_options(library, options)).await
     }
 
     /// With so many bytes of pages and tables in memory.
@@ -34,6 +43,11 @@ impl Running {
 
     async fn over(state: AppState) -> Self {
         let server = Server::bind("127.0.0.1:0").await.expect("binds");
+        Self::run(server, state)
+    }
+
+    /// Over a server that is set up otherwise.
+    pub fn run(server: Server, state: AppState) -> Self {
         let address = server.address();
         let (stop, stopped) = oneshot::channel();
         let done = tokio::spawn(server.run(state, async {

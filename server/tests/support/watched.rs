@@ -20,6 +20,11 @@ pub struct Watched {
     writes_left: AtomicI64,
     /// Ranges read so far.
     ranges: AtomicU64,
+    /// Look-ups and whole reads so far, and lists.
+    looks: AtomicU64,
+    lists: AtomicU64,
+    /// Listed, and not given.
+    hidden: Mutex<Option<Path>>,
     reads_fail: AtomicBool,
     delay_millis: AtomicU64,
 }
@@ -31,6 +36,9 @@ impl Watched {
             written: Mutex::default(),
             writes_left: AtomicI64::new(i64::MAX),
             ranges: AtomicU64::new(0),
+            looks: AtomicU64::new(0),
+            lists: AtomicU64::new(0),
+            hidden: Mutex::default(),
             reads_fail: AtomicBool::new(false),
             // As long as others need to come and wait.
             delay_millis: AtomicU64::new(20),
@@ -47,6 +55,21 @@ impl Watched {
     /// Ranges read since the start.
     pub fn ranges(&self) -> u64 {
         self.ranges.load(Ordering::SeqCst)
+    }
+
+    /// Look-ups and whole reads since the start.
+    pub fn looks(&self) -> u64 {
+        self.looks.load(Ordering::SeqCst)
+    }
+
+    /// Lists since the start.
+    pub fn lists(&self) -> u64 {
+        self.lists.load(Ordering::SeqCst)
+    }
+
+    /// Lists what lies at `path` and does not give it.
+    pub fn hide(&self, path: &str) {
+        *self.hidden.lock().expect("works") = Some(Path::from(path));
     }
 
     /// Whether reads fail from now on.
@@ -106,6 +129,14 @@ impl ObjectStore for Watched {
             self.ranges.fetch_add(1, Ordering::SeqCst);
             let delay = self.delay_millis.load(Ordering::SeqCst);
             tokio::time::sleep(std::time::Duration::from_millis(delay)).await;
+        } else {
+            self.looks.fetch_add(1, Ordering::SeqCst);
+        }
+        if self.hidden.lock().expect("works").as_ref() == Some(location) {
+            return Err(object_store::Error::NotFound {
+                path: location.to_string(),
+                source: "hidden".into(),
+            });
         }
         if self.reads_fail.load(Ordering::SeqCst) {
             return Err(object_store::Error::Generic {
@@ -124,6 +155,7 @@ impl ObjectStore for Watched {
     }
 
     fn list(&self, prefix: Option<&Path>) -> BoxStream<'static, Result<ObjectMeta>> {
+        self.lists.fetch_add(1, Ordering::SeqCst);
         self.inner.list(prefix)
     }
 
