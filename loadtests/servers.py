@@ -21,7 +21,9 @@ OURS = "http://127.0.0.1:7979"
 OTHERS = {name: port for name, port in (("lighttpd", 7983), ("h2o", 7984)) if os.path.exists(f"{out}/{name}.pid")}
 PORTS = {"lodestream": 7979, "nginx": 7980, "nginx, tcp_nopush off": 7981, "lodestream, folder": 7978, **OTHERS}
 STREAM_PORTS = {"lodestream": 7979, "nginx": 7990, **OTHERS, "lodestream TLS": 7982, "nginx TLS": 8000}
-OUR_PIDS = dict(zip(("lodestream", "lodestream TLS", "lodestream, folder"), map(int, our_pids)))
+OUR_PIDS = dict(zip(("lodestream", "lodestream TLS", "lodestream, folder", "lodestream, before"), map(int, our_pids)))
+if "lodestream, before" in OUR_PIDS:
+    PORTS["lodestream, before"] = STREAM_PORTS["lodestream, before"] = 7977
 TICK_MICROSECONDS = 1e6 / os.sysconf("SC_CLK_TCK")
 
 

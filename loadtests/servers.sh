@@ -5,6 +5,7 @@
 # are installed.
 #
 #   LIBRARY, SCENE   a library and a scene in it (else the sample rock is ingested, of TRIANGLES 12000000)
+#   BEFORE           an older lodestream-server, in the same rounds: "lodestream, before"
 #   CONNECTIONS      "16 64 256 1024"      STREAMS "32 128"      ROUNDS 3      SECS 3      CACHE_BYTES of `lodestream-server serve`
 set -eu
 cd "$(dirname "$0")/.."
@@ -40,6 +41,11 @@ openssl req -x509 -newkey rsa:2048 -nodes -days 30 -subj /CN=127.0.0.1 -keyout "
 tls_server=$!
 "$bin/lodestream-server" serve --library "$LIBRARY" --listen 127.0.0.1:7978 --cache-bytes 1000000 >"$out/serve-folder.log" 2>&1 &
 folder_server=$!
+before_server=
+if [ -n "${BEFORE-}" ]; then
+  "$BEFORE" serve --library "$LIBRARY" --listen 127.0.0.1:7977 ${CACHE_BYTES:+--cache-bytes "$CACHE_BYTES"} >"$out/serve-before.log" 2>&1 &
+  before_server=$!
+fi
 nginx_conf() {
   cat <<CONF
 worker_processes $(nproc);
@@ -62,7 +68,7 @@ CONF
 nginx_conf nginx on 7980 >"$out/nginx.conf"
 nginx_conf nginx-push off 7981 >"$out/nginx-push.conf"
 stop() {
-  kill "$server" "$tls_server" "$folder_server" 2>/dev/null || true
+  kill "$server" "$tls_server" "$folder_server" $before_server 2>/dev/null || true
   for name in nginx nginx-push lighttpd h2o; do
     if [ -f "$out/$name.pid" ]; then kill "$(cat "$out/$name.pid")" 2>/dev/null || true; fi
   done
@@ -100,5 +106,5 @@ for _ in $(seq 100); do
   sleep 0.1
 done
 
-python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server" "$tls_server" "$folder_server"
+python3 loadtests/servers.py "$bin/lodestream-server" "$LIBRARY" "$SCENE" "$out" "$server" "$tls_server" "$folder_server" $before_server
 python3 loadtests/servers_wire.py "$out" "$server"

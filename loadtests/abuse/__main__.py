@@ -2,7 +2,7 @@
 """Bad clients against a running server, and a good one that must not notice: `make abuse`. A row an attack; it fails where an answer is wrong,
 a connection stays, memory is not bounded, or the good client waits. `MB` are of the server's process; `peak` and `cache` of that row.
 
-    MEMORY_MB=100 (beside the page cache) GOOD_MS=1000 CUT_MB=1000 (killed beyond) STALLED=1024 CHURN=20000 RESETS=20000 FAULTS=8 (told a row)
+    MEMORY_MB=100 (beside the page cache) GOOD_MS=1000 CUT_MB=1000 (killed beyond) STALLED=1024 CHURN=20000 IDLE=200 RESETS=20000 FAULTS=8 (told a row)
     ROWS=slow_heads,floods (the functions' names)
 """
 
@@ -18,6 +18,7 @@ from pathlib import Path
 # Nothing is left beside the sources.
 sys.dont_write_bytecode = True
 import bodies
+import bombs
 import conform
 import http1
 import http2
@@ -55,7 +56,7 @@ def alone(attacked: rig.Target, attack) -> None:
     """On a server of its own, so that memory is told apart."""
     options = attack.options(attacked) if hasattr(attack, "options") else []
     try:
-        stand = rig.Rig(attacked, attack.__name__, *options)
+        stand = rig.Rig(attacked, attack.__name__, *options, files=getattr(attack, "files", 0))
         try:
             attack(stand)
         finally:
@@ -91,7 +92,7 @@ def main() -> None:
             pass
     for thread in begin(attacked, slow.SLOW) + unread:
         thread.join()
-    for attack in (http1.heads, http1.ranges, paths.paths, bodies.bodies, uploads.uploads, slow.churn, http2.floods, conform.conform):
+    for attack in (http1.heads, http1.ranges, paths.paths, bodies.bodies, uploads.uploads, bombs.bombs, slow.churn, http2.floods, conform.conform):
         if asked(attack):
             alone(attacked, attack)
     failed = [name for name, row in rig.Rig.rows if row.faults]

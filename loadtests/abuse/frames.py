@@ -87,6 +87,15 @@ def status(block: bytes) -> int:
     return int(digits)
 
 
+def ready(peer, reads: bool, writes: bool, secs: float) -> tuple:
+    """Whether it can be read and written, as `select` tells it; but that takes no numbers from 1024 on."""
+    poll = select.poll()
+    poll.register(peer, select.POLLIN * reads | select.POLLOUT * writes)
+    events = dict(poll.poll(max(0, secs) * 1000)).get(peer.fileno(), 0)
+    over = events & (select.POLLHUP | select.POLLERR)
+    return bool(reads and events & (select.POLLIN | over)), bool(writes and events & (select.POLLOUT | over))
+
+
 class Http2:
     """A connection. What it reads is in `frames`; settings are acknowledged, pings are not."""
 
@@ -107,7 +116,7 @@ class Http2:
         view = memoryview(data)
         self.peer.setblocking(False)
         while sent < len(data) and not self.closed and time.monotonic() < deadline:
-            readable, writable, _ = select.select([self.peer] if reads else [], [self.peer], [], 0.1)
+            readable, writable = ready(self.peer, reads, True, 0.1)
             if readable:
                 self.take()
             if writable and not self.closed:
@@ -149,7 +158,7 @@ class Http2:
             seen, left = len(self.frames), deadline - time.monotonic()
             if left <= 0:
                 return
-            if select.select([self.peer], [], [], left)[0]:
+            if ready(self.peer, True, False, left)[0]:
                 self.take()
                 self.send(b"", reads=False)
 

@@ -41,10 +41,12 @@ class Target:
 
 
 class Server:
-    def __init__(self, target: Target, name: str, *options: str):
+    def __init__(self, target: Target, name: str, *options: str, files: int = 0):
+        """`files`: descriptors that it may have, where that is not all there are."""
         self.log = target.folder / f"{name}.log"
         with self.log.open("w") as log:
-            command = [target.binary, "serve", "--library", target.library, "--listen", "127.0.0.1:0", *options]
+            command = ["prlimit", f"--nofile={files}"] if files else []
+            command += [target.binary, "serve", "--library", target.library, "--listen", "127.0.0.1:0", *options]
             self.process = subprocess.Popen(command, stdout=log, stderr=log)
         atexit.register(self.process.kill)
         deadline = time.monotonic() + 10
@@ -145,12 +147,12 @@ class Rig:
     rows: list = []
     printing = threading.Lock()
 
-    def __init__(self, target: Target, name: str, *options: str):
-        self.target, self.name, self.options = target, name, options
+    def __init__(self, target: Target, name: str, *options: str, files: int = 0):
+        self.target, self.name, self.options, self.files = target, name, options, files
         self.start()
 
     def start(self) -> None:
-        self.server = Server(self.target, self.name, *self.options)
+        self.server = Server(self.target, self.name, *self.options, files=self.files)
         self.good = Good(self.target, self.server.port)
 
     def stop(self) -> None:

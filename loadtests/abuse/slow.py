@@ -9,13 +9,18 @@ import time
 from pathlib import Path
 
 from bodies import wants
-from frames import PREFACE, frame, request, settings
+from frames import ACK, GOAWAY, PING, PREFACE, Http2, frame, request, settings, update
 from talk import connect, reset, talk, tally
 
 STALLED = int(os.environ.get("STALLED", "1024"))
+IDLE = int(os.environ.get("IDLE", "200"))
 CHURN = int(os.environ.get("CHURN", "20000"))
 # HEAD_TIMEOUT and BODY_TIMEOUT of the server, PING twice, STALL_TIMEOUT; with what a loaded machine adds.
 HEAD_SECS, PINGS_SECS, STALL_SECS, LATE_SECS = 30, 40, 60, 10
+# IDLE of the server.
+IDLE_SECS = 60
+# Descriptors of the server that is crowded, and how many come.
+FILES, CROWD = 512, 1024
 GONE_SECS = STALL_SECS + 2 * LATE_SECS
 # How long the good client is watched while nothing is read, and how many attacks have come so far.
 BURST, BURSTS, BURST_SECS = threading.Lock(), threading.Semaphore(0), 3
@@ -111,6 +116,48 @@ def silent_http2(rig) -> None:
         closes(row, rig, heads, [b""] * 500, 0, PINGS_SECS + LATE_SECS)
 
 
+def idle_http2(rig) -> None:
+    """Connections that answer every ping and ask for nothing; each must be told that it is over."""
+    with rig.attack("HTTP/2 that only answers pings") as row:
+        row.attempts = IDLE
+        sockets, started = rig.server.sockets(), time.monotonic()
+        connections, told = [Http2(rig.port) for _ in range(IDLE)], 0
+        while connections and time.monotonic() < started + IDLE_SECS + PINGS_SECS:
+            for connection in connections:
+                connection.read(0.001)
+                if any(one.kind == GOAWAY for one in connection.frames):
+                    told += 1
+                    connection.closed = True
+                for ping in [one for one in connection.frames if one.kind == PING and not one.flags & ACK]:
+                    connection.send(frame(PING, ACK, 0, ping.payload), reads=False)
+                connection.frames.clear()
+                if connection.closed:
+                    connection.peer.close()
+            connections = [one for one in connections if not one.closed]
+            time.sleep(0.1)
+        row.check(told == IDLE, f"{IDLE} told within {IDLE_SECS + PINGS_SECS} s", told)
+        row.note(f"{told} told by {time.monotonic() - started:.0f} s")
+        left = rig.server.sockets()
+        row.check(left <= sockets + 8, f"about {sockets} sockets at the server", left)
+
+
+def crowded(rig) -> None:
+    """More idle connections than the server takes: those who come are served, and files are still opened."""
+    with rig.attack("idle connections beyond all limits") as row:
+        row.attempts = CROWD
+        peers = []
+        for _ in range(CROWD):
+            peers.append(connect(rig.port))
+            peers[-1].sendall(PREFACE + settings())
+            # Slower than the good client asks, whose connection so is not the longest idle.
+            time.sleep(0.002)
+        found = [talk(rig.port, b"GET %s HTTP/1.1\r\nHost: a\r\n\r\n" % path).outcome for path in (b"/readyz", b"/v1/scenes/rock/open")]
+        row.check(found == [200, 200], "answers of the store", tally(found))
+        row.note(f"{rig.server.sockets()} sockets at the server")
+        for peer in peers:
+            peer.close()
+
+
 def kernel_mb() -> float:
     """What the system holds for all TCP connections of this machine."""
     found = re.search(r"TCP:.* mem (\d+)", Path("/proc/net/sockstat").read_text())
@@ -197,11 +244,36 @@ def http2_no_window(rig) -> None:
         unread(row, rig, [PREFACE + settings((4, 0)) + asked] * 50)
 
 
+def http2_many_unread(rig, name: str, path: str, streams: int = 200, connections: int = 60) -> None:
+    """As many streams as are taken, without a window and with one, by clients that take what is compressed."""
+    for window, start in (("no window", settings((4, 0))), ("windows", settings((4, 2**31 - 1)) + update(0, 2**31 - 1 - 65_535))):
+        with rig.attack(f"HTTP/2, {name}, {window}, never read") as row:
+            coded = ((b"accept-encoding", b"gzip, zstd"),)
+            asked = b"".join(request(stream, path, more=coded) for stream in range(1, 2 * streams, 2))
+            row.attempts = connections * streams
+            unread(row, rig, [PREFACE + start + asked] * connections)
+
+
+def http2_open_unread(rig) -> None:
+    http2_many_unread(rig, "open", "/v1/scenes/rock/open")
+
+
+def http2_texts_unread(rig) -> None:
+    http2_many_unread(rig, "a long text", "/v1/openapi.json")
+
+
+def http2_object_unread(rig) -> None:
+    http2_many_unread(rig, "an object", f"/v1/objects/{rig.target.pack}")
+
+
 UNREAD = [get_unread, get_pages_unread, get_page_unread, object_unread, open_unread, post_unread, http2_unread, http2_no_window]
+UNREAD += [http2_open_unread, http2_texts_unread, http2_object_unread]
 # A cache that is smaller than the pack: what unread answers hold of it is theirs alone, as in a library that is larger than memory.
 for attack in UNREAD:
     attack.options = lambda target: ["--cache-bytes", "2MiB"]
-SLOW = [slow_heads, slow_bodies, silent, silent_http2]
+SLOW = [slow_heads, slow_bodies, silent, silent_http2, idle_http2, crowded]
+# Few descriptors stand for many connections.
+crowded.files = FILES
 
 
 def nothing(rig) -> None:

@@ -26,7 +26,7 @@ RUSTFLAGS="$flags --cfg fuzzing" ${CARGO:-cargo} build --release --target "$host
 
 export TMPDIR=$out/tmp RAYON_NUM_THREADS=1 RUST_BACKTRACE=1
 SEEDS=$out/seeds "$bin/seeds" >/dev/null 2>&1
-limits="-timeout=10 -rss_limit_mb=1024 -max_len=8192 -detect_leaks=0 -reload=0"
+limits="-timeout=10 -rss_limit_mb=1024 -malloc_limit_mb=512 -max_len=8192 -detect_leaks=0 -reload=0"
 
 fuzz() {
   mkdir -p "$out/corpus/$1" "$out/seeds/$1" "corpus/$1"

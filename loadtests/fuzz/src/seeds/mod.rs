@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use lodestream_format::{Asset, ContentHash};
 use lodestream_server::export::{Detail, export};
 use lodestream_server::ingest::{self, IngestOptions, JobOptions, ProgressTo};
-use lodestream_server::library::Library;
+use lodestream_server::library::{Check, Library};
 use serde_json::Value;
 use tokio::runtime::Runtime;
 
@@ -62,11 +62,10 @@ fn scene(seeds: &Seeds, runtime: &Runtime, side: u32) {
         threads: Some(1),
         memory_limit_bytes: None,
         scratch: None,
-        rebuild: false,
-        progress: ProgressTo::default(),
+        ..JobOptions::default()
     };
     ingest::job(runtime.handle(), &library, &job).expect("builds");
-    ingest::finish(runtime.handle(), &library, "s", ProgressTo::default()).expect("a scene");
+    ingest::finish(runtime.handle(), &library, "s", Check::Hash, ProgressTo::default()).expect("a scene");
     // Large inputs are slow ones.
     let small = ["out.glb", "out.ply"].into_iter().filter(|_| side < 4);
     for file in small {

@@ -16,7 +16,17 @@ pub fn import_file(name: &str, bytes: &[u8]) {
         // One line, that names the file first.
         Err(error) => assert!(!error.to_string().contains('\n'), "{error}"),
     }
-    let pieces = OpenOptions { max_mesh_bytes: 0 };
+    // As an upload is read: nothing beside it, and little memory.
+    let bounded = OpenOptions {
+        self_contained: true,
+        memory_limit_bytes: Some(16 << 20),
+        ..OpenOptions::with_max_mesh_bytes(2 << 20)
+    };
+    match open(&file, &bounded) {
+        Ok(scene) => assert!(scene.warnings.len() <= 101),
+        Err(error) => assert!(error.to_string().chars().count() < 1000, "{error}"),
+    }
+    let pieces = OpenOptions::with_max_mesh_bytes(0);
     let opened = match open(&file, &pieces) {
         Ok(opened) => opened,
         // The vertices of a mesh whose triangles all repeat an index are not looked at when it is read whole.

@@ -1,16 +1,16 @@
 //! The parts of an `open` answer as the client takes them in, with hashes that fit: scene, asset, hierarchy and root pages.
 
-use std::collections::HashMap;
-
-use axum::body::Bytes;
 use lodestream_client::stream::{OpenParts, OpenedScene, decode_page};
 use lodestream_format::page_reader::PageReader;
+use lodestream_format::wire::{Block, BlockHeader, BlockKind, PageStatus};
 use lodestream_format::{Asset, ContentHash, Scene, cluster_view};
 
 use super::input::{Input, manifest};
 
 /// bincode makes room for as many as a list says, up to the limit of 1 GiB, before it reads them.
 pub const MOST_BYTES: [usize; 2] = [32 << 20, 4096];
+/// Bound of the opening.
+const MOST_MEMORY_BYTES: u64 = 64 << 20;
 
 /// Plain bytes of the scene, plain bytes of the asset and the hierarchy, each behind its length; then the root pages' frames.
 pub fn run(data: &[u8]) {
@@ -20,7 +20,7 @@ pub fn run(data: &[u8]) {
     let (Ok(mut scene), Ok(mut asset)) = (scene, asset) else {
         return;
     };
-    let hierarchy = Bytes::copy_from_slice(input.sized());
+    let hierarchy = input.sized().to_vec();
     asset.hierarchy = ContentHash::of(&hierarchy);
     let frames = input.0;
     for entry in &mut asset.pages {
@@ -28,23 +28,45 @@ pub fn run(data: &[u8]) {
         let own = frames.get(first..first.saturating_add(entry.bytes as usize));
         entry.hash = ContentHash::of(own.unwrap_or_default());
     }
-    let object = Bytes::from(asset.encode().expect("what was read can be written"));
+    let object = asset.encode().expect("what was read can be written");
     let name = ContentHash::of(&object);
     scene.assets.iter_mut().for_each(|it| it.asset = name);
-    let scene = Bytes::from(scene.encode().expect("what was read can be written"));
+    let scene = scene.encode().expect("what was read can be written");
     let scene_name = ContentHash::of(&scene);
-    let objects = [
-        (asset.hierarchy, hierarchy),
-        (name, object),
-        (scene_name, scene),
-    ];
-    let parts = OpenParts {
-        scene: Some(scene_name),
-        objects: objects.into_iter().collect(),
-        root_pages: HashMap::from([(name, Bytes::copy_from_slice(frames))]),
-        read_bytes: 0,
-    };
-    if let Ok(opened) = OpenedScene::parse(&parts) {
+    let root_pages = &asset.pages[..asset.root_page_count as usize];
+    let root_bytes: usize = root_pages.iter().map(|entry| entry.bytes as usize).sum();
+    let root_pages = frames.get(..root_bytes).unwrap_or(frames).to_vec();
+    let mut parts = OpenParts::new(MOST_MEMORY_BYTES);
+    for (kind, hash, payload) in [
+        (BlockKind::Scene, scene_name, scene),
+        (BlockKind::Asset, name, object),
+        (BlockKind::Hierarchy, asset.hierarchy, hierarchy),
+        (BlockKind::RootPages, name, root_pages),
+    ] {
+        let (status, page) = (PageStatus::Ok, 0);
+        let header = BlockHeader {
+            kind,
+            status,
+            page,
+            hash,
+            payload_bytes: payload.len() as u64,
+        };
+        let block = Block {
+            kind,
+            status,
+            page,
+            hash,
+            payload,
+        };
+        if parts
+            .announced(&header)
+            .and_then(|()| parts.take(block))
+            .is_err()
+        {
+            return;
+        }
+    }
+    if let Ok(opened) = OpenedScene::parse(parts) {
         check(&opened, frames);
     }
 }

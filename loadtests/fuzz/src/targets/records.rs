@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use lodestream_format::ContentHash;
 use lodestream_format::library::SceneReference;
 use lodestream_server::ingest;
-use lodestream_server::library::{BuildRecord, Library, PlanNote};
+use lodestream_server::library::{BuildRecord, Check, Library, PlanNote};
 use object_store::memory::InMemory;
 use object_store::path::Path;
 use object_store::{ObjectStoreExt, PutPayload};
@@ -73,7 +73,7 @@ pub fn run(data: &[u8]) {
         }
     });
     let quiet = ingest::ProgressTo::default();
-    if let Ok(report) = ingest::finish(runtime.handle(), &library, "s", quiet) {
+    if let Ok(report) = ingest::finish(runtime.handle(), &library, "s", Check::Hash, quiet) {
         let reference = runtime.block_on(library.reference("s"));
         assert!(reference.is_ok(), "{report:?}");
     }

@@ -12,8 +12,8 @@ use lodestream_format::grid::Grid;
 use lodestream_format::scene::{Instance, SceneAsset};
 use lodestream_format::{Aabb, Asset, ContentHash, Scene};
 use lodestream_server::http::tokens::Tokens;
-use lodestream_server::http::uploads::UploadOptions;
-use lodestream_server::http::{AppState, router};
+use lodestream_server::http::uploads::{UploadOptions, UploadsFolder};
+use lodestream_server::http::{AppState, StateOptions, router};
 use lodestream_server::library::Library;
 use tokio::runtime::Runtime;
 
@@ -80,8 +80,8 @@ pub fn served() -> &'static Served {
         let (asset, pack, hashes) = runtime.block_on(fill(&library));
         let file = folder("served").join("tokens");
         std::fs::write(&file, TOKEN).expect("writes");
-        let tokens = Tokens::read(&file).expect("a token");
-        let state = AppState::new(library, 1 << 20).taking_uploads(uploads(tokens));
+        let tokens = Tokens::from_upload_file(&file).expect("a token");
+        let state = AppState::with_options(library, options(1 << 20, tokens));
         Served {
             runtime,
             service: TowerToHyperService::new(router(state.clone())),
@@ -98,9 +98,17 @@ pub fn upload_status(tokens: Tokens, authorization: &[u8]) -> Option<StatusCode>
     let request = Request::put("/v1/scenes/a").header("authorization", authorization);
     let request = request.body(Body::empty()).ok()?;
     let library = Library::open("memory://").expect("a library");
-    let state = AppState::new(library, 1 << 16).taking_uploads(uploads(tokens));
+    let state = AppState::with_options(library, options(1 << 16, tokens));
     let service = TowerToHyperService::new(router(state));
     Some(answer(&served().runtime, &service, request).status)
+}
+
+fn options(cache_bytes: usize, tokens: Tokens) -> StateOptions {
+    StateOptions {
+        cache_bytes,
+        uploads: Some(uploads(tokens)),
+        ..StateOptions::default()
+    }
 }
 
 /// Whatever is uploaded, no program builds it.
@@ -109,7 +117,8 @@ fn uploads(tokens: Tokens) -> UploadOptions {
         tokens,
         program: PathBuf::from("/nowhere/lodestream-server"),
         library: "memory://".to_owned(),
-        scratch: folder("scratch"),
+        folder: UploadsFolder::new(&folder("scratch")).expect("a folder"),
+        confined: false,
         max_bytes: 64,
         max_triangles: 1,
         max_secs: 1,
