@@ -29,8 +29,8 @@ fn end_with_stdin() {
     std::process::exit(1);
 }
 
-/// Creates the paths that are written: a right is given to a path that exists, and a right to create
-/// a file would cover its whole folder.
+/// Creates the paths that are written. A right belongs to a path that exists; a right to create a
+/// file would cover its whole folder.
 fn rights(args: &IngestArgs, memory_bytes: u64) -> Result<Rights, CommandError> {
     let network = args.library.contains("://");
     let mut write = vec![args.scratch.clone().unwrap_or_else(std::env::temp_dir)];
