@@ -34,6 +34,12 @@ impl Grid {
         power_of_two(self.step_exponent)
     }
 
+    /// Half the diagonal of a cell: a point is never farther from its grid point.
+    pub fn rounding(self) -> f64 {
+        // Upwards: the square root of 3 is a little larger than its f64.
+        (0.75f64.sqrt() * self.step()).next_up()
+    }
+
     /// The nearest grid index, ties to even; saturates at the i64 range, NaN gives 0.
     pub fn quantize(self, value: f64) -> i64 {
         // Both factors are powers of two: exact, and quicker than a division.

@@ -7,7 +7,7 @@ use std::borrow::Cow;
 
 use build_support::meshes;
 use lodestream_server::build::{
-    BuildOptions, BuildSite, BuiltAsset, Pack, build, build_at, decode_pages,
+    BuildOptions, BuildSite, BuiltAsset, Neighbours, Pack, build, build_at, decode_pages,
 };
 use lodestream_server::import::{ImportError, Mesh, MeshSource};
 
@@ -65,8 +65,9 @@ fn bytes_do_not_depend_on_memory() {
         };
         let options = BuildOptions::default();
         let whole = build(&mesh, &options).unwrap();
-        let through_disk = build_at(&mesh, &options, site).unwrap();
-        let in_pieces = build_at(Cut(&mesh, 7_919), &options, site).unwrap();
+        let through_disk = build_at(&mesh, &options, &Neighbours::default(), site).unwrap();
+        let in_pieces =
+            build_at(Cut(&mesh, 7_919), &options, &Neighbours::default(), site).unwrap();
         for other in [&through_disk, &in_pieces] {
             assert_eq!(whole.asset_bytes, other.asset_bytes, "{}", mesh.name);
             let frames = |built: &BuiltAsset| {

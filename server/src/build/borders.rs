@@ -6,6 +6,7 @@
 //! over a cluster is not 0 matter, so only those are looked at.
 
 use super::cluster::ClusterView;
+use super::neighbours::FixedPlaces;
 use super::vertex::Places;
 
 /// What may be done to a vertex.
@@ -89,8 +90,15 @@ impl Borders {
     }
 
     /// What may be done to each border place when `groups`, which hold every cluster of the chunk once, are simplified
-    /// apart. An open edge inside the bounds of another chunk may belong to a closed surface there: it is locked.
-    pub fn rules(&self, groups: &[Vec<u32>], others: &[ChunkBounds]) -> Vec<u8> {
+    /// apart. An open edge inside the bounds of another chunk may belong to a closed surface there:
+    /// it is locked. So are the
+    /// `fixed` places, which other meshes share.
+    pub fn rules(
+        &self,
+        groups: &[Vec<u32>],
+        others: &[ChunkBounds],
+        fixed: &FixedPlaces,
+    ) -> Vec<u8> {
         let mut owner = vec![NONE; self.places().len()];
         for (group, members) in groups.iter().enumerate() {
             for &cluster in members {
@@ -115,7 +123,8 @@ impl Borders {
                 .any(|bounds| ends.iter().all(|&end| bounds.contains(end)));
             for place in edge {
                 let rule = &mut rules[place as usize];
-                *rule = (*rule).max(if elsewhere { LOCKED } else { OPEN });
+                let shared = elsewhere || fixed.holds(self.places()[place as usize]);
+                *rule = (*rule).max(if shared { LOCKED } else { OPEN });
             }
         }
         rules
@@ -186,10 +195,11 @@ mod tests {
             let place = borders.places().iter().position(|&own| own == position);
             place.map(|place| rules[place])
         };
-        let apart = borders.rules(&[vec![0], vec![1]], &[]);
+        let alone = FixedPlaces::default();
+        let apart = borders.rules(&[vec![0], vec![1]], &[], &alone);
         assert_eq!(rule_at(&apart, [1, 0, 0]), Some(LOCKED));
         assert_eq!(rule_at(&apart, [0, 1, 0]), Some(OPEN));
-        let together = borders.rules(&[vec![0, 1]], &[]);
+        let together = borders.rules(&[vec![0, 1]], &[], &alone);
         assert_eq!(
             rule_at(&together, [1, 1, 0]),
             Some(OPEN),
@@ -200,7 +210,7 @@ mod tests {
             low: [-5, -5, -5],
             high: [0, 5, 5],
         };
-        let beside = borders.rules(&[vec![0, 1]], &[other]);
+        let beside = borders.rules(&[vec![0, 1]], &[other], &alone);
         assert_eq!(rule_at(&beside, [0, 0, 0]), Some(LOCKED));
         assert_eq!(rule_at(&beside, [2, 0, 0]), Some(OPEN));
     }

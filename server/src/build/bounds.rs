@@ -58,6 +58,15 @@ pub(super) fn grown(sphere: Sphere, grids: &Grids, clusters: &Clusters) -> Spher
     }
 }
 
+/// An error that was measured against the rounded source, with the rounding of the source itself.
+/// A constant added to all keeps their order.
+pub(super) fn with_rounding(error_metres: f32, grids: &Grids) -> f32 {
+    if error_metres >= ROOT_ERROR {
+        return error_metres;
+    }
+    round_up(error_metres as f64 + grids.rounding_metres()).min(ROOT_ERROR / 2.0)
+}
+
 /// Error of a group's replacement, metres: the source's distance to it, its own to the source, or its attributes' error,
 /// whichever is largest, but never less than any member's. Its own distance to the source is that to its members and
 /// theirs to the source: at most their sum, and the root of their squares where both are errors at random to each other; half

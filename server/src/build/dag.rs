@@ -10,6 +10,7 @@ use super::borders::{Borders, ChunkBounds};
 use super::bounds;
 use super::cluster::{self, Birth, ClusterInfo, ClusterView};
 use super::error::BuildError;
+use super::neighbours::FixedPlaces;
 use super::packed::{Packed, unpack};
 use super::partition::{self, LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, chunks};
 use super::simplify::{Job, Placement, Workspace};
@@ -55,6 +56,8 @@ enum Effort {
 pub(super) struct Plan<'a> {
     pub grids: &'a Grids,
     pub placement: Placement,
+    /// Places that other meshes share.
+    pub fixed: &'a FixedPlaces,
     /// Called with the source triangles' worth of work that is done.
     pub on_triangles: &'a (dyn Fn(u64) + Sync),
 }
@@ -100,7 +103,12 @@ impl Dag {
                 effort = Effort::LargeGroups;
             }
         }
-        self.add_roots(plan, &pool, round)
+        self.add_roots(plan, &pool, round)?;
+        for group in &mut self.groups {
+            let error_metres = &mut group.parent_error_metres;
+            *error_metres = bounds::with_rounding(*error_metres, plan.grids);
+        }
+        Ok(())
     }
 
     fn triangles_of(&self, pool: &[u32]) -> u64 {
@@ -158,7 +166,7 @@ impl Dag {
             Effort::LargeGroups => LARGE_GROUP_CLUSTERS,
         };
         let groups = partition::partition(&views, &borders, target);
-        let rules = borders.rules(&groups, others);
+        let rules = borders.rules(&groups, others, plan.fixed);
         let done = groups
             .into_par_iter()
             .map_init(Workspace::default, |workspace, group| {

@@ -23,6 +23,7 @@ mod hierarchy;
 mod leaves;
 mod measure;
 mod meshopt_seam;
+mod neighbours;
 mod pack;
 mod packed;
 mod paginate;
@@ -48,14 +49,17 @@ use lodestream_format::{Asset, Cluster, FormatError, cluster_view};
 
 use crate::import::MeshSource;
 use dag::{Dag, Plan};
+use neighbours::FixedPlaces;
 use store::Store;
 use survey::Survey;
 use vertex::Grids;
 
 pub use error::BuildError;
+pub use neighbours::Neighbours;
 pub use pack::{Pack, PackFile};
 pub use report::{BuildBytes, BuildReport, BuildSeconds, LevelRow};
 pub use simplify::Placement;
+pub use steps::MOST_EXTENT_STEPS;
 pub use steps::PositionStep;
 pub use triangle_tree::{Point, TriangleTree};
 
@@ -110,16 +114,18 @@ pub struct BuiltAsset {
 /// that is no length, a source that cannot be read, a scratch folder that is full. Triangles that collapse on the grid are
 /// dropped with a warning, all but the first if all do.
 pub fn build(source: impl MeshSource, options: &BuildOptions) -> Result<BuiltAsset, BuildError> {
-    build_at(source, options, BuildSite::default())
+    let alone = Neighbours::default();
+    build_at(source, options, &alone, BuildSite::default())
 }
 
-/// The same, with a scratch folder and someone who watches.
+/// The same beside `neighbours`, with a scratch folder and a listener.
 ///
 /// # Errors
 /// Those of [`build`].
 pub fn build_at(
     source: impl MeshSource,
     options: &BuildOptions,
+    neighbours: &Neighbours,
     site: BuildSite,
 ) -> Result<BuiltAsset, BuildError> {
     let start = Instant::now();
@@ -128,7 +134,12 @@ pub fn build_at(
     let material_slots = source.material_slot_count().max(1) as u32;
     let survey = survey::survey(&source)?;
     let mut warnings = Vec::new();
-    let grids = grids(&name, &survey, options.position_step, &mut warnings)?;
+    let step = steps::Wanted {
+        step: options.position_step,
+        shared_exponent: neighbours.step_exponent,
+    };
+    let grids = grids(&name, &survey, step, &mut warnings)?;
+    let fixed = FixedPlaces::new(neighbours, &grids);
 
     let mut blocks = Store::new(scratch)?;
     let buckets = scatter::scatter(&source, &survey, &grids, &mut blocks)?;
@@ -151,6 +162,7 @@ pub fn build_at(
     let plan = Plan {
         grids: &grids,
         placement: options.placement,
+        fixed: &fixed,
         on_triangles: site.on_triangles,
     };
     dag.grow(plan)?;
@@ -176,7 +188,7 @@ pub fn build_at(
         build: build.as_secs_f64(),
         encode: (start.elapsed() - build).as_secs_f64(),
     };
-    let report = report::report(warnings, &dag, &pages, &encoded, seconds);
+    let report = report::report(warnings, &grids, &dag, &pages, &encoded, seconds);
     Ok(BuiltAsset {
         asset: encoded.asset,
         asset_bytes: encoded.asset_bytes,
@@ -184,6 +196,14 @@ pub fn build_at(
         pack: encoded.pack,
         report,
     })
+}
+
+/// Exponent of the position step that [`PositionStep::Auto`] takes for a mesh on its own.
+///
+/// # Errors
+/// Those of the source.
+pub fn usual_step_exponent(source: &impl MeshSource) -> Result<i32, BuildError> {
+    Ok(steps::auto(&survey::survey(source)?))
 }
 
 fn collapse_warning(name: &str, survey: &Survey, collapsed: u64, grids: &Grids) -> String {
@@ -200,7 +220,7 @@ fn collapse_warning(name: &str, survey: &Survey, collapsed: u64, grids: &Grids) 
 fn grids(
     name: &str,
     survey: &Survey,
-    step: PositionStep,
+    step: steps::Wanted,
     warnings: &mut Vec<String>,
 ) -> Result<Grids, BuildError> {
     let position = steps::position_grid(name, survey, step, warnings)?;

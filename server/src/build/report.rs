@@ -3,6 +3,7 @@
 use super::dag::Dag;
 use super::encode::Encoded;
 use super::paginate::Pages;
+use super::vertex::Grids;
 
 /// Figures of one asset. Serializes to the report keys of `ingest`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize)]
@@ -80,6 +81,7 @@ pub struct BuildSeconds {
 /// Sums up a build.
 pub(super) fn report(
     warnings: Vec<String>,
+    grids: &Grids,
     dag: &Dag,
     pages: &Pages,
     encoded: &Encoded,
@@ -89,6 +91,7 @@ pub(super) fn report(
     let mut levels_table: Vec<LevelRow> = (0..asset.levels)
         .map(|level| LevelRow {
             level,
+            error_max: grids.rounding_metres(),
             ..LevelRow::default()
         })
         .collect();

@@ -9,17 +9,31 @@ use super::survey::Survey;
 /// Step of the position grid.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum PositionStep {
-    /// From the mesh: about 64 steps to an edge.
+    /// From the mesh: about 64 steps to an edge, and 2^14 or more to the mesh.
     #[default]
     Auto,
     /// Metres, rounded down to a power of two; coarser where the mesh would span more than 2^23 steps.
     Metres(f64),
 }
 
+/// A step as it is asked for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wanted {
+    pub step: PositionStep,
+    /// That of the grid which the mesh shares with its neighbours; for [`PositionStep::Auto`].
+    pub shared_exponent: Option<i32>,
+}
+
 /// Steps that a mesh spans unless short edges ask for more.
 const USUAL_EXTENT_STEPS: f64 = (1 << 20) as f64;
-/// Two less than the format's limit: both ends round.
-const MOST_EXTENT_STEPS: f64 = (MAX_EXTENT_STEPS - 2) as f64;
+/// Steps that a mesh spans at least: four to a pixel where it fills a picture of 4096 pixels.
+const LEAST_EXTENT_STEPS: f64 = (1 << 14) as f64;
+/// The same for a small mesh, whose bytes do not matter.
+const SMALL_EXTENT_STEPS: f64 = (1 << 16) as f64;
+/// Triangles of a small mesh at most.
+const SMALL_TRIANGLES: u64 = 4096;
+/// Steps that a mesh may span. Two less than the format's limit: both ends round.
+pub const MOST_EXTENT_STEPS: f64 = (MAX_EXTENT_STEPS - 2) as f64;
 /// Steps of the texture grid that a mesh spans at most, so that offsets in a cluster fit 24 bits.
 pub(super) const MOST_UV_STEPS: i64 = (1 << 23) - 2;
 /// Usual step of the texture grid: half a texel of a 4096 texture.
@@ -29,11 +43,13 @@ const UV_STEP_EXPONENT: i32 = -13;
 ///
 /// Auto takes a 64th of the typical (geometric mean) edge or a 16th of the tenth-shortest-in-a-hundred one, the finer of
 /// the two, so that small detail beside large triangles keeps its shape; at most 2^20 steps over the whole mesh as long
-/// as short edges still span four steps, and never more than 2^23.
+/// as short edges still span four steps, and never more than 2^23. The mesh spans at least 2^14
+/// steps, so that rounding stays below a pixel wherever the mesh fits a picture, and a small mesh
+/// 2^16.
 pub(super) fn position_grid(
     name: &str,
     survey: &Survey,
-    step: PositionStep,
+    wanted: Wanted,
     warnings: &mut Vec<String>,
 ) -> Result<Grid, BuildError> {
     let (extent, largest) = (survey.extent(), survey.largest());
@@ -46,10 +62,14 @@ pub(super) fn position_grid(
             extent_metres: extent,
         });
     }
+    let step = wanted.step;
     let wanted = match step {
         PositionStep::Metres(metres) if metres > 0.0 && metres.is_finite() => floor_log2(metres),
         PositionStep::Metres(found) => return Err(BuildError::InvalidStep { found }),
-        PositionStep::Auto => auto(&survey.edges, extent, largest),
+        PositionStep::Auto => match wanted.shared_exponent {
+            Some(exponent) => exponent,
+            None => auto(survey),
+        },
     };
     let exponent = wanted
         .max(coarsest_needed)
@@ -62,8 +82,9 @@ pub(super) fn position_grid(
     Ok(Grid::new(exponent)?)
 }
 
-/// `edges` ascend.
-fn auto(edges: &[f64], extent: f64, largest: f64) -> i32 {
+/// Exponent of the step of a mesh on its own.
+pub(super) fn auto(survey: &Survey) -> i32 {
+    let (edges, extent, largest) = (&survey.edges, survey.extent(), survey.largest());
     if edges.is_empty() {
         // Nothing has a size; f32's own spacing at the place is as fine as anything can be.
         return if largest > 0.0 {
@@ -76,7 +97,12 @@ fn auto(edges: &[f64], extent: f64, largest: f64) -> i32 {
     let short = edges[edges.len() / 10];
     let wanted = floor_log2((typical / 64.0).min(short / 16.0));
     let usual = ceil_log2(extent / USUAL_EXTENT_STEPS);
-    wanted.max(usual.min(floor_log2(short / 4.0)))
+    let of_edges = wanted.max(usual.min(floor_log2(short / 4.0)));
+    let least = match survey.triangles <= SMALL_TRIANGLES {
+        true => SMALL_EXTENT_STEPS,
+        false => LEAST_EXTENT_STEPS,
+    };
+    of_edges.min(floor_log2(extent / least))
 }
 
 /// Chooses the texture grid: 2^-13, coarser where the range needs it.

@@ -43,14 +43,27 @@ impl Grids {
         position.map(|q| (q as f64 * step) as f32)
     }
 
+    /// Largest distance of a rounded position from the source's, metres: half the diagonal of a
+    /// cell.
+    pub fn rounding_metres(&self) -> f64 {
+        self.position.rounding()
+    }
+
+    /// Local grid index of a position.
+    pub fn place(&self, position: [f32; 3]) -> [i32; 3] {
+        std::array::from_fn(|axis| {
+            let q = self.position.quantize(position[axis] as f64);
+            (q - self.center_q[axis]) as i32
+        })
+    }
+
     /// A vertex of `mesh` on the grids.
     pub fn vertex(&self, mesh: &Mesh, index: usize) -> Vertex {
         let has = |flag| self.attributes.has(flag);
-        let mut vertex = Vertex::default();
-        for axis in 0..3 {
-            let q = self.position.quantize(mesh.positions[index][axis] as f64);
-            vertex.position[axis] = (q - self.center_q[axis]) as i32;
-        }
+        let mut vertex = Vertex {
+            position: self.place(mesh.positions[index]),
+            ..Vertex::default()
+        };
         if let (true, Some(normals)) = (has(Attributes::NORMAL), &mesh.normals) {
             vertex.normal = octahedral::encode(normals[index]);
         }
