@@ -356,3 +356,70 @@ fn wrong_usage_is_told() {
     fails(&missing, 1, &["expected a folder"]);
     assert!(ok(&["ingest", "--help"]).contains("--array=0-7"));
 }
+
+/// An open sheet of `n` x `n` quads over a square of a metre, from `x` on, with unequal heights.
+fn sheet(folder: &Path, x: u32, n: u32) -> PathBuf {
+    use std::fmt::Write;
+    let mut text = String::new();
+    for row in 0..=n {
+        for column in 0..=n {
+            let at = x * n + column;
+            let height = (at * 31 + row * 17).wrapping_mul(2_654_435_761) >> 24;
+            let [at, row] = [at, row].map(|value| f64::from(value) / f64::from(n));
+            writeln!(text, "v {at} {} {row}", f64::from(height) / 4096.0).unwrap();
+        }
+    }
+    for row in 0..n {
+        for column in 0..n {
+            let a = row * (n + 1) + column + 1;
+            let b = a + n + 1;
+            writeln!(text, "f {a} {b} {} {}", b + 1, a + 1).unwrap();
+        }
+    }
+    let file = folder.join(format!("sheet{x}.obj"));
+    std::fs::write(&file, text).unwrap();
+    file
+}
+
+/// The border lies in two files, and each job reads one of them.
+#[test]
+fn meshes_of_different_jobs_keep_their_common_border() {
+    const N: u32 = 32;
+    let folder = tempfile::tempdir().unwrap();
+    let inputs = [0, 1].map(|x| sheet(folder.path(), x, N));
+    let [left, right] = inputs.each_ref().map(|input| text(input));
+    let [planned, plain] = ["planned", "plain"].map(|name| folder.path().join(name));
+    let [planned, plain] = [text(&planned), text(&plain)];
+    ok(&[
+        "ingest",
+        left,
+        right,
+        "--library",
+        plain,
+        "--scene",
+        "x",
+        "-q",
+    ]);
+    let on_planned = ["ingest", "--library", planned, "--scene", "x", "-q"];
+    ok(&[&on_planned[..], &[left, right, "--plan", "--jobs", "2"]].concat());
+    for job in ["0", "1"] {
+        ok(&[&on_planned[..], &["--job", job]].concat());
+    }
+    ok(&[&on_planned[..], &["--finish"]].concat());
+    let listed = |library| ok(&["list", "--library", library]);
+    assert_eq!(listed(planned), listed(plain));
+
+    let coarse = folder.path().join("coarse.glb");
+    let export = ["export", "x", "--library", planned, "--error", "1"];
+    ok(&[&export[..], &["--out", text(&coarse)]].concat());
+    let scene = lodestream_server::import::import(&coarse).unwrap();
+    assert_eq!(scene.meshes.len(), 2);
+    for mesh in &scene.meshes {
+        assert!(mesh.triangles.len() < (N * N) as usize, "a coarse cut");
+        let border = mesh.positions.iter().filter(|at| at[0] == 1.0);
+        let mut border: Vec<u32> = border.map(|at| (at[2] * N as f32) as u32).collect();
+        border.sort_unstable();
+        border.dedup();
+        assert_eq!(border, (0..=N).collect::<Vec<_>>());
+    }
+}

@@ -431,8 +431,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            8,
-            "946e810d2245a18e7e0065041cfb3198237370fa0dfac084f08e276503806772"
+            9,
+            "3b63db05f093b42e0f0c0c6307026d4af467400d337cdf2261077808c7c968bb"
         ),
     );
 }

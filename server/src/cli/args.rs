@@ -114,6 +114,10 @@ pub(super) struct IngestArgs {
     /// Refuse inputs with more triangles, each mesh counted once.
     #[arg(long, value_name = "N", conflicts_with_all = ["job", "finish"])]
     pub max_triangles: Option<u64>,
+    /// Publish a scene also where the inputs hold no triangle; refused by default, since the file
+    /// may be the wrong one.
+    #[arg(long, conflicts_with_all = ["job", "finish"])]
+    pub allow_empty: bool,
     /// Open no file but the inputs: refuse geometry in other files, leave out their images and
     /// materials.
     #[arg(long, conflicts_with = "finish")]

@@ -50,6 +50,7 @@ pub(super) fn ingest(handle: &Handle, args: IngestArgs, quiet: bool) -> Result<(
         rebuild: args.rebuild,
         check,
         max_triangles: args.max_triangles,
+        allow_empty: args.allow_empty,
         self_contained: args.self_contained,
         max_image_pixels: Some(args.max_image_pixels),
         progress,

@@ -16,9 +16,10 @@ use tokio::runtime::Handle;
 
 use super::memory::Room;
 use super::merge::MergedMesh;
+use super::neighbours::{self, Placed};
 use super::records::{self, StoredAsset};
-use super::{IngestError, RENEW_AFTER_SECS};
-use crate::build::{self, BuildOptions, BuildSite, BuiltAsset, Pack};
+use super::{IngestError, IngestOptions, RENEW_AFTER_SECS};
+use crate::build::{self, BuildOptions, BuildSite, BuiltAsset, Neighbours, Pack, PositionStep};
 use crate::import::MeshSource;
 use crate::library::{Library, Put, Repaired};
 
@@ -29,22 +30,83 @@ pub(super) struct KeyedMesh {
     pub content: ContentHash,
     /// Of its build.
     pub key: ContentHash,
+    /// Meshes of one content have the same.
+    pub neighbours: Arc<Neighbours>,
     pub mesh: MergedMesh,
 }
 
-/// Names every mesh.
-pub(super) fn keyed(
-    meshes: Vec<MergedMesh>,
-    options: &BuildOptions,
-) -> Result<Vec<KeyedMesh>, IngestError> {
+/// A mesh with the name of what the build reads of it.
+#[derive(Debug)]
+pub(super) struct NamedMesh {
+    pub content: ContentHash,
+    pub mesh: MergedMesh,
+}
+
+/// Names what the build reads of every mesh.
+pub(super) fn named(meshes: Vec<MergedMesh>) -> Result<Vec<NamedMesh>, IngestError> {
     let named = meshes.into_par_iter().map(|mesh| {
         let content = records::content(&mesh.mesh)?;
-        let key = records::key(&content, options);
-        Ok(KeyedMesh { content, key, mesh })
+        Ok(NamedMesh { content, mesh })
     });
     // The first error in order is the one told, whatever the thread count.
-    let named: Vec<Result<KeyedMesh, IngestError>> = named.collect();
+    let named: Vec<Result<NamedMesh, IngestError>> = named.collect();
     named.into_iter().collect()
+}
+
+/// The neighbours of every mesh of a scene.
+pub(super) struct SceneNeighbours {
+    pub of_mesh: Vec<Arc<Neighbours>>,
+    pub warnings: Vec<String>,
+}
+
+/// Finds what the meshes keep for each other. Equal meshes are one, in all their places.
+pub(super) fn neighbours(
+    named: &[NamedMesh],
+    instances: &[(usize, [[f64; 4]; 3])],
+    options: &IngestOptions,
+) -> Result<SceneNeighbours, IngestError> {
+    let mut number_of: HashMap<ContentHash, usize> = HashMap::new();
+    let mut first: Vec<&MergedMesh> = vec![];
+    let numbers: Vec<usize> = named
+        .iter()
+        .map(|named| {
+            *number_of.entry(named.content).or_insert_with(|| {
+                first.push(&named.mesh);
+                first.len() - 1
+            })
+        })
+        .collect();
+    let placed = instances.iter();
+    let placed = placed.map(|(mesh, rows)| Placed::new(numbers[*mesh], rows));
+    let search = neighbours::Options {
+        steps_are_free: options.build.position_step == PositionStep::Auto,
+        memory_limit_bytes: options.memory_limit_bytes,
+    };
+    let found = neighbours::find(&first, placed, &search)?;
+    let of_number: Vec<Arc<Neighbours>> = found.neighbours.into_iter().map(Arc::new).collect();
+    Ok(SceneNeighbours {
+        of_mesh: numbers
+            .iter()
+            .map(|&number| Arc::clone(&of_number[number]))
+            .collect(),
+        warnings: found.warnings,
+    })
+}
+
+/// Names the build of every mesh, beside its neighbours.
+pub(super) fn keyed(
+    named: Vec<NamedMesh>,
+    neighbours: Vec<Arc<Neighbours>>,
+    options: &BuildOptions,
+) -> Vec<KeyedMesh> {
+    let keyed = named.into_iter().zip(neighbours);
+    let keyed = keyed.map(|(NamedMesh { content, mesh }, neighbours)| KeyedMesh {
+        content,
+        key: records::key(&content, options, &neighbours.hash()),
+        neighbours,
+        mesh,
+    });
+    keyed.collect()
 }
 
 /// The first mesh of each key, in order.
@@ -97,7 +159,12 @@ impl Builder<'_> {
     }
 
     fn build_one(&self, keyed: KeyedMesh) -> Result<StoredAsset, IngestError> {
-        let KeyedMesh { key, mesh, .. } = keyed;
+        let KeyedMesh {
+            key,
+            mesh,
+            neighbours,
+            ..
+        } = keyed;
         let MergedMesh {
             file,
             triangles,
@@ -118,11 +185,11 @@ impl Builder<'_> {
             scratch: through_disk.then_some(self.scratch.unwrap_or(&temporary)),
             on_triangles: &on_group,
         };
-        let built =
-            build::build_at(mesh, self.options, site).map_err(|error| IngestError::Build {
-                file: file.to_path_buf(),
-                error,
-            })?;
+        let built = build::build_at(mesh, self.options, &neighbours, site);
+        let built = built.map_err(|error| IngestError::Build {
+            file: file.to_path_buf(),
+            error,
+        })?;
         (self.on_triangles)(triangles - (done.load(Ordering::Relaxed) / 2).min(triangles));
         let BuiltAsset {
             asset,

@@ -14,6 +14,18 @@ pub enum IngestError {
     /// An input cannot be read.
     #[error(transparent)]
     Import(#[from] ImportError),
+    /// A wrong file must not replace a scene.
+    #[error(
+        "{}{}: expected at least one triangle, found none (--allow-empty publishes an empty scene)",
+        file.display(),
+        beside(*others)
+    )]
+    Empty {
+        /// The first input.
+        file: PathBuf,
+        /// Inputs beside it, as empty.
+        others: usize,
+    },
     /// An input is not there.
     #[error("{}: cannot read: {cause}", file.display())]
     Input {
@@ -30,6 +42,9 @@ pub enum IngestError {
         /// Why.
         error: BuildError,
     },
+    /// The neighbours of a plan cannot be written.
+    #[error("neighbours of the meshes: cannot write: {0}")]
+    Neighbours(std::io::Error),
     /// The option and the inputs do not fit.
     #[error(
         "{what}: expected at most {limit_bytes} bytes of memory (--memory-limit), found a need of about {need_bytes}"
@@ -84,4 +99,11 @@ pub enum IngestError {
     /// The library failed.
     #[error(transparent)]
     Library(#[from] LibraryError),
+}
+
+fn beside(others: usize) -> String {
+    match others {
+        0 => String::new(),
+        others => format!(" and {others} more inputs"),
+    }
 }

@@ -8,17 +8,18 @@ use std::time::Instant;
 use lodestream_format::ContentHash;
 use tokio::runtime::Handle;
 
-use super::assets::{self, Builder, KeyedMesh};
+use super::assets::{self, Builder, KeyedMesh, NamedMesh};
 use super::deal::Task;
-use super::merge::Merged;
-use super::plan::{Plan, hash_input};
+use super::merge::{Merged, MergedMesh};
+use super::neighbours::stored;
+use super::plan::{Plan, PlanMesh, hash_input};
 use super::progress::{Progress, ProgressTo};
 use super::report::{self, Clock};
 use super::{
     FoundBuilds, IngestError, IngestReport, IngestSeconds, RENEW_AFTER_SECS, find_all, memory,
     outline,
 };
-use crate::build::BuildOptions;
+use crate::build::{BuildOptions, Neighbours};
 use crate::import::{self, OpenOptions};
 use crate::library::{Check, Library, PlanNote, Repaired, Replaces};
 
@@ -123,6 +124,7 @@ fn run(
             triangles += planned.triangles;
         }
     }
+    let neighbours = read_neighbours(runtime, library, &options.scene, plan)?;
     let (mut import_secs, mut build_secs) = (0.0, 0.0);
     let mut built = HashMap::new();
     progress.begin_triangles(triangles);
@@ -133,7 +135,15 @@ fn run(
             None => PathBuf::from(&plan.inputs[input as usize].path),
         };
         let limit = options.memory_limit_bytes;
-        let meshes = read_meshes(&file, plan, input, &wanted, &build_options, options);
+        let wanted: Vec<Wanted> = wanted
+            .into_iter()
+            .map(|mesh| Wanted {
+                mesh: &plan.meshes[mesh as usize],
+                key: note.builds[mesh as usize],
+                neighbours: Arc::clone(&neighbours[mesh as usize]),
+            })
+            .collect();
+        let meshes = read_meshes(&file, plan, input, &wanted, options);
         let meshes = match options.inputs.is_empty() {
             true => meshes.map_err(elsewhere)?,
             false => meshes?,
@@ -178,13 +188,37 @@ fn run(
     })
 }
 
+/// A mesh of the plan that is built now.
+struct Wanted<'a> {
+    mesh: &'a PlanMesh,
+    key: ContentHash,
+    neighbours: Arc<Neighbours>,
+}
+
+/// The neighbours of every mesh of the plan.
+fn read_neighbours(
+    runtime: &Handle,
+    library: &Library,
+    scene: &str,
+    plan: &Plan,
+) -> Result<Vec<Arc<Neighbours>>, IngestError> {
+    let object = runtime.block_on(library.object(&plan.neighbours))?;
+    let neighbours = stored::decode(&object).unwrap_or_default();
+    let hashes = neighbours.iter().map(Neighbours::hash);
+    if !hashes.eq(plan.meshes.iter().map(|mesh| mesh.neighbours)) {
+        let expected = format!("the neighbours of {} meshes", plan.meshes.len());
+        let found = format!("object {} with others", plan.neighbours);
+        return Err(fault(library, scene, expected, found));
+    }
+    Ok(neighbours.into_iter().map(Arc::new).collect())
+}
+
 /// The `wanted` meshes of an input; all else that the file holds is let go.
 fn read_meshes(
     file: &Path,
     plan: &Plan,
     input: u32,
-    wanted: &[u32],
-    build: &BuildOptions,
+    wanted: &[Wanted],
     options: &JobOptions,
 ) -> Result<Vec<KeyedMesh>, IngestError> {
     let planned = &plan.inputs[input as usize];
@@ -207,17 +241,23 @@ fn read_meshes(
         ..OpenOptions::default()
     };
     merged.add(file, input, import::open(file, &open)?);
-    let meshes = assets::unique(assets::keyed(merged.meshes, build)?);
-    let mut found: HashMap<ContentHash, KeyedMesh> = meshes
-        .into_iter()
-        .map(|keyed| (keyed.content, keyed))
-        .collect();
-    let take = |&mesh: &u32| {
-        let mesh = &plan.meshes[mesh as usize];
+    let mut found: HashMap<ContentHash, MergedMesh> = HashMap::new();
+    for NamedMesh { content, mesh } in assets::named(merged.meshes)? {
+        // Of equal meshes the first is built.
+        found.entry(content).or_insert(mesh);
+    }
+    let take = |wanted: &Wanted| {
+        let content = wanted.mesh.content;
         // The file is the same, so one that it names is another.
-        found.remove(&mesh.content).ok_or_else(|| {
-            let expected = format!("mesh {:?} of content {}", mesh.name, mesh.content);
+        let mesh = found.remove(&content).ok_or_else(|| {
+            let expected = format!("mesh {:?} of content {content}", wanted.mesh.name);
             changed(expected, "other meshes".to_owned())
+        })?;
+        Ok(KeyedMesh {
+            content,
+            key: wanted.key,
+            neighbours: Arc::clone(&wanted.neighbours),
+            mesh,
         })
     };
     wanted.iter().map(take).collect()

@@ -1,8 +1,9 @@
 //! Ingest: the meshes of some files become one published scene.
 //!
 //! ```text
-//! import every input -> one scene (`merge`) -> name every mesh (`records`) -> build and store those that no record
-//! knows (`assets`) -> textures -> scene (`outline`) -> publish
+//! import every input -> one scene (`merge`) -> what meshes keep for each other (`neighbours`) ->
+//! name every mesh (`records`) -> build and store those that no record knows (`assets`) -> textures
+//! -> scene (`outline`) -> publish
 //! ```
 //!
 //! The same in parts, on many machines: `plan` imports and deals out the meshes, `job` builds some of them, `finish` publishes.
@@ -16,6 +17,7 @@ mod error;
 mod job;
 mod memory;
 mod merge;
+mod neighbours;
 mod outline;
 mod plan;
 mod progress;
@@ -75,6 +77,8 @@ pub struct IngestOptions {
     pub check: Check,
     /// Most triangles of all meshes, each counted once.
     pub max_triangles: Option<u64>,
+    /// Publish a scene also where the inputs hold no triangle.
+    pub allow_empty: bool,
     /// Open no file but the inputs: see [`OpenOptions::self_contained`].
     pub self_contained: bool,
     /// Most pixels of an image: [`MAX_IMAGE_PIXELS`] where it is `None`; see
@@ -182,8 +186,16 @@ fn import_all(
         merged.add(input, index as u32, import::open(input, &open)?);
         check_triangles(&merged, options.max_triangles)?;
     }
+    if merged.instances.is_empty() && !options.allow_empty {
+        let file = options.inputs.first().cloned().unwrap_or_default();
+        let others = options.inputs.len().saturating_sub(1);
+        return Err(IngestError::Empty { file, others });
+    }
     let meshes = std::mem::take(&mut merged.meshes);
-    let keyed = assets::keyed(meshes, &options.build)?;
+    let named = assets::named(meshes)?;
+    let neighbours = assets::neighbours(&named, &merged.instances, options)?;
+    merged.warnings.extend(neighbours.warnings);
+    let keyed = assets::keyed(named, neighbours.of_mesh, &options.build);
     // What only reading a mesh shows.
     for keyed in &keyed {
         merged.warn_of(&keyed.mesh);

@@ -18,6 +18,7 @@ use tokio::runtime::Handle;
 
 use super::deal::{self, Task, Weight};
 use super::memory;
+use super::neighbours::stored;
 use super::progress::Progress;
 use super::{
     BUILDER_VERSION, IngestError, IngestOptions, RENEW_AFTER_SECS, assets, find_all, outline,
@@ -38,6 +39,9 @@ pub(super) struct Plan {
     pub inputs: Vec<PlanInput>,
     /// The scene's outline, an object.
     pub outline: ContentHash,
+    /// Neighbours of the meshes, an object (`neighbours::stored`), in the order of
+    /// `meshes`.
+    pub neighbours: ContentHash,
     /// Meshes to build, each once; their keys are the `builds` of the note.
     pub meshes: Vec<PlanMesh>,
     /// What each job does.
@@ -64,6 +68,8 @@ pub(super) struct PlanMesh {
     pub input: u32,
     pub triangles: u64,
     pub content: ContentHash,
+    /// Of its neighbours.
+    pub neighbours: ContentHash,
 }
 
 /// [`BuildOptions`] as text: options must come back bit by bit.
@@ -170,6 +176,8 @@ fn make(
     let entries = outline::entries(&meshes);
     let meshes = assets::unique(meshes);
     let keys: Vec<ContentHash> = meshes.iter().map(|keyed| keyed.key).collect();
+    let neighbours = stored::encode(meshes.iter().map(|keyed| &*keyed.neighbours));
+    let neighbours = neighbours.map_err(IngestError::Neighbours)?;
     let planned: Vec<PlanMesh> = meshes
         .into_iter()
         .map(|keyed| PlanMesh {
@@ -177,6 +185,7 @@ fn make(
             input: keyed.mesh.input,
             triangles: keyed.mesh.triangles,
             content: keyed.content,
+            neighbours: keyed.neighbours.hash(),
         })
         .collect();
     let weights: Vec<Weight> = planned
@@ -200,6 +209,9 @@ fn make(
     let put = library.put_object(outline, RENEW_AFTER_SECS);
     let (outline, _) = runtime.block_on(put)?;
     objects.push(outline);
+    let put = library.put_object(neighbours, RENEW_AFTER_SECS);
+    let (neighbours, _) = runtime.block_on(put)?;
+    objects.push(neighbours);
     let note = PlanNote {
         objects,
         builds: keys,
@@ -209,6 +221,7 @@ fn make(
             max_mesh_bytes: memory::most_mesh_bytes(options.memory_limit_bytes),
             inputs,
             outline,
+            neighbours,
             meshes: planned,
             jobs: dealt,
         },
@@ -269,7 +282,7 @@ impl Plan {
         )?;
         for (mesh, key) in self.meshes.iter().zip(keys) {
             ensure(
-                super::records::key(&mesh.content, &options) == *key,
+                super::records::key(&mesh.content, &options, &mesh.neighbours) == *key,
                 format!(
                     "mesh {:?} under the name that this program gives it",
                     mesh.name

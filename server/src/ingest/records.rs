@@ -15,7 +15,7 @@ use crate::library::{BuildRecord, Check, Library, LibraryError, Repaired};
 
 /// Of the builder. Raise it whenever the same mesh and options become other bytes: what an older builder stored is then built
 /// anew. A test pins the bytes of a sample beside this number.
-pub const BUILDER_VERSION: u32 = 8;
+pub const BUILDER_VERSION: u32 = 9;
 
 /// Records looked up at once.
 const READS_AT_ONCE: usize = 16;
@@ -79,10 +79,14 @@ pub(super) fn content(mesh: &dyn MeshSource) -> Result<ContentHash, ImportError>
     Ok(hasher.finish())
 }
 
-/// Names a build: what is built, how, and by which builder.
-pub(super) fn key(content: &ContentHash, options: &BuildOptions) -> ContentHash {
+/// Names a build: what is built, how, beside which neighbours, and by which builder.
+pub(super) fn key(
+    content: &ContentHash,
+    options: &BuildOptions,
+    neighbours: &ContentHash,
+) -> ContentHash {
     // `Debug` names every option, so that one added later is part of the name.
-    let text = format!("lodestream build {BUILDER_VERSION} {options:?} {content}");
+    let text = format!("lodestream build {BUILDER_VERSION} {options:?} {neighbours} {content}");
     ContentHash::of(text.as_bytes())
 }
 
