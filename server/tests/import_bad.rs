@@ -11,6 +11,10 @@ use serde_json::Value;
 
 const BAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/models/bad");
 
+/// Refused by the specification's letter and by expected.json, but shown by other viewers: read
+/// with a warning.
+const READ_SINCE: [&str; 1] = ["node_two_parents.glb"];
+
 /// What `import` made of a file, as against `case` of expected.json; the difference where there is one.
 fn judge(name: &str, case: &Value) -> Result<(), String> {
     let path = Path::new(BAD).join(name);
@@ -104,6 +108,12 @@ fn every_bad_file_is_read_or_refused_as_expected() {
     let expected: Value = serde_json::from_slice(&expected).unwrap();
     let mut wrong = Vec::new();
     for (name, case) in expected.as_object().unwrap() {
+        if READ_SINCE.contains(&name.as_str()) {
+            let scene = import(&Path::new(BAD).join(name)).unwrap();
+            assert!(!scene.warnings.is_empty(), "{name}");
+            assert_eq!(scene.source_triangles, 128, "{name}");
+            continue;
+        }
         if let Err(what) = judge(name, case) {
             wrong.push(format!("{name} {what} ({})", case["about"]));
         }

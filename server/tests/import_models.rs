@@ -93,3 +93,106 @@ fn a_vertex_array_shared_by_48_primitives_is_not_copied() {
     );
     assert!(find("5000_unreferenced").positions.len() < 5000);
 }
+
+/// World boxes by a reader in Python, in f64: joints, weights and the transforms of nodes,
+/// as the files write them.
+const SKINNED: [(&str, [f64; 3], [f64; 3]); 14] = [
+    (
+        "RiggedSimple/RiggedSimple.glb",
+        [-1.000000, -4.575077, -1.000000],
+        [1.000000, 4.575077, 1.000000],
+    ),
+    (
+        "CesiumMan/CesiumMan.glb",
+        [-0.131000, 0.000000, -0.569137],
+        [0.180954, 1.506550, 0.569137],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_00.gltf",
+        [-0.250000, -0.200000, -0.100000],
+        [0.250000, 0.173205, 0.000000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_01.gltf",
+        [-0.250000, -0.200000, -0.100000],
+        [0.250000, 0.173205, 0.000000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_02.gltf",
+        [-0.250000, -0.200000, -0.100000],
+        [0.250000, 0.173205, 0.000000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_03.gltf",
+        [-0.250000, -0.400000, -0.100000],
+        [0.250000, 0.173205, 0.000000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_04.gltf",
+        [-0.250000, -0.200000, -0.100000],
+        [0.250000, 0.173205, 0.198205],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_05.gltf",
+        [-0.250000, -0.200000, -0.100000],
+        [0.850000, 0.173205, 0.000000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_06.gltf",
+        [-0.250000, -0.200000, -0.100000],
+        [0.250000, 0.173205, 0.000000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_07.gltf",
+        [-0.480000, -0.300000, -0.480000],
+        [0.480000, 0.300000, 0.480000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_08.gltf",
+        [-0.250000, -0.400000, -0.203134],
+        [0.250000, 0.358105, 0.000000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_09.gltf",
+        [-0.250000, -0.500000, 0.000000],
+        [0.250000, 0.500000, 0.200000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_10.gltf",
+        [-0.375000, -0.250000, -0.189705],
+        [0.375000, 0.457988, 0.000000],
+    ),
+    (
+        "asset-generator/Animation_Skin/Animation_Skin_11.gltf",
+        [-0.250000, -0.200000, -0.100000],
+        [0.850000, 0.173205, 0.000000],
+    ),
+];
+
+#[test]
+fn skinned_models_stand_where_their_joints_take_them() {
+    let folder = Path::new(MODELS).join("khronos");
+    if !folder.exists() {
+        println!("SKIPPED: {} is absent", folder.display());
+        return;
+    }
+    for (name, least, most) in SKINNED {
+        let scene = import(&folder.join(name)).unwrap();
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for instance in &scene.instances {
+            for position in &scene.meshes[instance.mesh as usize].positions {
+                let position = DVec3::from(position.map(f64::from));
+                let world = instance.world_from_object.transform_point3(position);
+                (low, high) = (low.min(world), high.max(world));
+            }
+        }
+        let size = (DVec3::from(most) - DVec3::from(least)).max_element();
+        let off = (low - DVec3::from(least))
+            .abs()
+            .max((high - DVec3::from(most)).abs());
+        assert!(
+            off.max_element() < 2e-6 * size.max(1.0),
+            "{name}: {low} {high}"
+        );
+    }
+}

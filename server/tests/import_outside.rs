@@ -204,6 +204,51 @@ fn inline_data_is_read() {
     assert_eq!(scene.meshes[0].positions[1], [1.0, 0.0, 0.0]);
 }
 
+/// Buffers and images of glTF files, as those of OBJ and PLY.
+#[test]
+fn files_named_as_on_another_machine_are_found_below_the_folder() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::create_dir(folder.path().join("maps")).expect("makes a folder");
+    let corners = [[0.0f32, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
+    let bytes: Vec<u8> = corners
+        .iter()
+        .flatten()
+        .flat_map(|it| it.to_le_bytes())
+        .collect();
+    std::fs::write(folder.path().join("maps/a b.bin"), bytes).expect("writes");
+    let picture = image::DynamicImage::new_rgb8(3, 2);
+    picture
+        .save(folder.path().join("maps/a b.png"))
+        .expect("writes");
+    let model = folder.path().join("model.gltf");
+    for name in [
+        "C:\\work\\maps\\a b",
+        "C:/work/maps/a%20b",
+        "/home/me/maps/a b",
+        "file:///C:/work/maps/a%20b",
+        "none/../maps/a b",
+        "../maps/a b",
+    ] {
+        for (buffer, image) in [("bin", "png"), ("bin?v=1", "png?v=1")] {
+            let (buffer, image) = (format!("{name}.{buffer}"), format!("{name}.{image}"));
+            std::fs::write(&model, gltf(&buffer, &image)).expect("writes");
+            let scene = read(&model, &OpenOptions::default()).expect(name);
+            assert_eq!(scene.meshes[0].positions, corners, "{name}");
+            assert_eq!((scene.images[0].width, scene.images[0].height), (3, 2));
+            for what in ["buffer", "image"] {
+                let found = |line: &String| line.starts_with(&format!("{what} "));
+                let line = scene.warnings.iter().find(|line| found(line)).expect(what);
+                assert!(line.contains("found by another spelling"), "{line}");
+            }
+            // Neither is looked for where the model must hold all.
+            assert!(read(&model, &self_contained()).is_err(), "{name}");
+            std::fs::write(&model, gltf(&inline_buffer(), &image)).expect("writes");
+            let scene = read(&model, &self_contained()).expect(name);
+            assert!(scene.images.is_empty(), "{name}");
+        }
+    }
+}
+
 /// Without the option the model's own folder is read, and nothing above it.
 #[test]
 fn no_text_quotes_another_file() {

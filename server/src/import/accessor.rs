@@ -4,13 +4,49 @@
 
 use std::ops::Range;
 
-use gltf::json::accessor::{ComponentType, Type};
-use gltf::json::validation::Checked;
+pub(super) use gltf::json::accessor::ComponentType;
 
 use super::Document;
-use super::buffers::out_of_range;
+use super::buffers::{demand, out_of_range};
+use super::document::{self, SparsePart, Whole};
 use super::error::{Read, malformed};
 use super::rows::Rows;
+
+/// The type of this code, where there is one.
+fn component_type(code: Option<Whole>) -> Option<ComponentType> {
+    use gltf::json::accessor as code;
+    Some(match u32::try_from(code?.0).ok()? {
+        code::BYTE => ComponentType::I8,
+        code::UNSIGNED_BYTE => ComponentType::U8,
+        code::SHORT => ComponentType::I16,
+        code::UNSIGNED_SHORT => ComponentType::U16,
+        code::UNSIGNED_INT => ComponentType::U32,
+        code::FLOAT => ComponentType::F32,
+        _ => return None,
+    })
+}
+
+fn number(value: Option<Whole>) -> String {
+    value.map_or("none".to_owned(), |it| it.0.to_string())
+}
+
+/// `accessors[index]`, to which `user` points, unless it cannot be read.
+pub(super) fn find<'a>(
+    document: &Document<'a>,
+    index: usize,
+    user: &str,
+) -> Read<&'a document::Accessor> {
+    let accessors = &document.root.accessors;
+    match accessors.get(index).map(|it| &it.0) {
+        Some(Ok(accessor)) => Ok(accessor),
+        Some(Err(reason)) => Err(malformed(
+            format!("{user} (accessors[{index}])"),
+            "an accessor",
+            reason,
+        )),
+        None => Err(out_of_range(user, "accessors", accessors.len(), index)),
+    }
+}
 
 /// The elements of one accessor, in their file.
 pub(super) struct Accessor {
@@ -18,7 +54,7 @@ pub(super) struct Accessor {
     pub(super) place: String,
     pub(super) count: usize,
     pub(super) component: ComponentType,
-    /// Components of an element: 1 to 4.
+    /// Components of an element: 1 to 4, or the 16 of a matrix.
     pub(super) lanes: usize,
     pub(super) normalized: bool,
     /// `count` rows. `None`: all zero but for the sparse elements.
@@ -32,6 +68,9 @@ struct Sparse {
     values: Vec<u8>,
 }
 
+const UNSIGNED: &[ComponentType] = &[ComponentType::U8, ComponentType::U16, ComponentType::U32];
+/// Bytes of the largest element, a matrix.
+const ELEMENT_BYTES: usize = 64;
 /// An accessor without a buffer view costs no bytes in the file, so its count is held to this many elements a sparse one.
 const UNBACKED_PER_SPARSE: u64 = 64;
 const UNBACKED_ALWAYS: u64 = 1024;
@@ -39,41 +78,44 @@ const UNBACKED_ALWAYS: u64 = 1024;
 impl Accessor {
     /// Opens `accessors[index]`, to which `user` (`meshes[0].primitives[0].indices`) points.
     pub(super) fn open(document: &Document, index: usize, user: &str) -> Read<Self> {
-        let accessors = &document.root.accessors;
-        let Some(accessor) = accessors.get(index) else {
-            return Err(out_of_range(user, "accessors", accessors.len(), index));
-        };
+        Self::open_beside(document, index, user, 0)
+    }
+
+    /// The same where bytes of the file account for `backed` elements already.
+    pub(super) fn open_beside(
+        document: &Document,
+        index: usize,
+        user: &str,
+        backed: u64,
+    ) -> Read<Self> {
+        let accessor = find(document, index, user)?;
         let place = format!("{user} (accessor {index})");
-        let Checked::Valid(component) = accessor.component_type else {
+        let Some(component) = component_type(accessor.component_type) else {
             let expected = "one of 5120, 5121, 5122, 5123, 5125, 5126";
-            return Err(malformed(
-                format!("{place}.componentType"),
-                expected,
-                "another number",
-            ));
+            let found = number(accessor.component_type);
+            return Err(malformed(format!("{place}.componentType"), expected, found));
         };
-        let lanes = match accessor.type_ {
-            Checked::Valid(Type::Scalar) => 1,
-            Checked::Valid(Type::Vec2) => 2,
-            Checked::Valid(Type::Vec3) => 3,
-            Checked::Valid(Type::Vec4) => 4,
-            _ => {
-                return Err(malformed(
-                    format!("{place}.type"),
-                    "SCALAR or VEC2 to VEC4",
-                    "another",
-                ));
+        let lanes = match accessor.kind.as_deref() {
+            Some("SCALAR") => 1,
+            Some("VEC2") => 2,
+            Some("VEC3") => 3,
+            Some("VEC4") => 4,
+            Some("MAT4") => 16,
+            other => {
+                let expected = "SCALAR, VEC2 to VEC4 or MAT4";
+                let found = other.unwrap_or("none");
+                return Err(malformed(format!("{place}.type"), expected, found));
             }
         };
         let size = Size {
-            component_bytes: component.0.size(),
-            element_bytes: component.0.size() * lanes,
+            component_bytes: component.size(),
+            element_bytes: component.size() * lanes,
         };
-        let count = accessor.count.0;
-        let sparse_count = accessor.sparse.as_ref().map_or(0, |sparse| sparse.count.0);
+        let count = demand(accessor.count, &format!("{place}.count"))?.0;
+        let sparse_count = accessor.claimed_sparse_count();
         let base = match accessor.buffer_view {
             Some(view) => {
-                let offset = accessor.byte_offset.unwrap_or_default().0;
+                let offset = accessor.byte_offset.0;
                 Some(elements(
                     document,
                     view.value(),
@@ -86,7 +128,8 @@ impl Accessor {
             None => {
                 let most = sparse_count
                     .saturating_mul(UNBACKED_PER_SPARSE)
-                    .max(UNBACKED_ALWAYS);
+                    .max(UNBACKED_ALWAYS)
+                    .max(backed);
                 if count > most {
                     let expected = format!("a bufferView, or {most} elements at most");
                     return Err(malformed(
@@ -102,7 +145,7 @@ impl Accessor {
             place,
             // In range: every element lies in memory, or the bound above holds.
             count: count as usize,
-            component: component.0,
+            component,
             lanes,
             normalized: accessor.normalized,
             base,
@@ -116,40 +159,43 @@ impl Accessor {
 
     fn open_sparse(&self, document: &Document, index: usize, size: Size) -> Read<Sparse> {
         let place = format!("{}.sparse", self.place);
-        let Some(sparse) = &document.root.accessors[index].sparse else {
+        let Some(sparse) = &find(document, index, &place)?.sparse else {
             return Err(malformed(place, "a sparse object", "none"));
         };
-        if sparse.count.0 > self.count as u64 {
+        let count = demand(sparse.count, &format!("{place}.count"))?.0;
+        if count > self.count as u64 {
             let expected = format!("{} elements at most", self.count);
-            return Err(malformed(
-                format!("{place}.count"),
-                expected,
-                sparse.count.0,
-            ));
+            return Err(malformed(format!("{place}.count"), expected, count));
         }
         let indices_place = format!("{place}.indices");
-        let Checked::Valid(component) = sparse.indices.component_type else {
+        let component = component_type(sparse.indices.component_type);
+        let Some(component) = component.filter(|it| UNSIGNED.contains(it)) else {
             let expected = "one of 5121, 5123, 5125";
+            let found = number(sparse.indices.component_type);
             let place = format!("{indices_place}.componentType");
-            return Err(malformed(place, expected, "another number"));
+            return Err(malformed(place, expected, found));
         };
         let index_size = Size {
-            component_bytes: component.0.size(),
-            element_bytes: component.0.size(),
+            component_bytes: component.size(),
+            element_bytes: component.size(),
         };
-        let view = sparse.indices.buffer_view.value();
-        let offset = sparse.indices.byte_offset.0;
-        let elements_of = |view, offset, size, place: &str| {
-            elements(document, view, offset, sparse.count.0, size, place)
+        let elements_of = |part: &SparsePart, size, place: &str| {
+            let view = demand(part.buffer_view, &format!("{place}.bufferView"))?;
+            elements(
+                document,
+                view.value(),
+                part.byte_offset.0,
+                count,
+                size,
+                place,
+            )
         };
-        let raw = elements_of(view, offset, index_size, &indices_place)?;
-        let view = sparse.values.buffer_view.value();
-        let offset = sparse.values.byte_offset.0;
-        let values = elements_of(view, offset, size, &format!("{place}.values"))?;
+        let raw = elements_of(&sparse.indices, index_size, &indices_place)?;
+        let values = elements_of(&sparse.values, size, &format!("{place}.values"))?;
 
         // In range: the elements of both lie in the file.
-        let mut indices: Vec<u32> = Vec::with_capacity(sparse.count.0 as usize);
-        raw.visit_range(0..sparse.count.0, |at, bytes| {
+        let mut indices: Vec<u32> = Vec::with_capacity(count as usize);
+        raw.visit_range(0..count, |at, bytes| {
             let index = unsigned(bytes);
             let rising = indices.last().is_none_or(|&last| last < index);
             if !rising || index as usize >= self.count {
@@ -161,7 +207,7 @@ impl Accessor {
             Ok(())
         })?;
         let mut tight = Vec::with_capacity(indices.len() * size.element_bytes);
-        values.visit_range(0..sparse.count.0, |_, bytes| {
+        values.visit_range(0..count, |_, bytes| {
             tight.extend_from_slice(bytes);
             Ok(())
         })?;
@@ -200,7 +246,10 @@ impl Accessor {
             }),
             None => {
                 for (at, &element) in ascending.iter().enumerate() {
-                    visit(at, self.floats(self.over(u64::from(element), &[0; 16])));
+                    visit(
+                        at,
+                        self.floats(self.over(u64::from(element), &[0; ELEMENT_BYTES])),
+                    );
                 }
                 Ok(())
             }
@@ -361,6 +410,7 @@ fn unsigned(bytes: &[u8]) -> u32 {
 fn type_name(lanes: usize) -> String {
     match lanes {
         1 => "SCALAR".to_owned(),
+        16 => "MAT4".to_owned(),
         lanes => format!("VEC{lanes}"),
     }
 }

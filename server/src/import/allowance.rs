@@ -44,6 +44,55 @@ impl<'a> Allowance<'a> {
         }
     }
 
+    /// The existing file that a mesh file calls `name`, below the model's folder, links resolved.
+    /// Such names often begin with folders of another machine, in its spelling: what follows them
+    /// is looked for, too, the longest first.
+    pub(super) fn beside(&self, name: &str, place: &str) -> Read<PathBuf> {
+        let name = name.trim_matches('"').replace('\\', "/");
+        let named = match self.file(&name, place) {
+            Err(fault) if !self.is_self_contained() => fault,
+            found => return found,
+        };
+        let found = uri::ends(&name).find_map(|end| self.file(end, place).ok());
+        let spelt = |end: &str| self.file(&self.spelt(end)?, place).ok();
+        let found = found.or_else(|| {
+            std::iter::once(&*name)
+                .chain(uri::ends(&name))
+                .find_map(spelt)
+        });
+        found.ok_or(named)
+    }
+
+    /// `name` as the folders below the model's spell it, where one file of a folder alone has it
+    /// in letters of another case.
+    fn spelt(&self, name: &str) -> Option<String> {
+        /// Files of a folder that are looked at.
+        const MOST_FILES: usize = 1 << 12;
+        /// Bytes of the longest name of a file.
+        const NAME_BYTES: usize = 255;
+        let mut folder = self.folder?.to_owned();
+        let mut spelt = Vec::new();
+        for part in name.split('/').filter(|it| !matches!(*it, "" | ".")) {
+            if part == ".." || part.len() > NAME_BYTES {
+                return None;
+            }
+            let mut found = part.to_owned();
+            if !folder.join(part).exists() {
+                let files = std::fs::read_dir(&folder).ok()?.take(MOST_FILES);
+                let names = files.filter_map(|it| it.ok()?.file_name().into_string().ok());
+                let small = part.to_lowercase();
+                let mut same = names.filter(|it| it.to_lowercase() == small);
+                found = same.next()?;
+                if same.next().is_some() {
+                    return None;
+                }
+            }
+            folder.push(&found);
+            spelt.push(found);
+        }
+        Some(spelt.join("/"))
+    }
+
     /// Follows `uri`: inline data, or a file as [`Allowance::file`] has it.
     pub(super) fn resolve(&self, uri: &str, place: &str) -> Read<uri::Target> {
         match self.folder {

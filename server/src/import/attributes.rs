@@ -1,18 +1,19 @@
 //! Attributes: positions, normals, texture coordinates and colours out of their accessors, checked or mended.
 
-use glam::DVec3;
-use gltf::json::accessor::ComponentType::{F32, I8, I16, U8, U16};
-
 use super::Document;
+use super::accessor::ComponentType::{F32, I8, I16, U8, U16};
 use super::accessor::{Accessor, Component};
 use super::error::{Read, malformed};
+use super::pose::{Pose, Posing};
 use super::primitive::VertexSource;
 use super::scene::Mesh;
 use super::used::Used;
 use super::warnings::Warnings;
+use glam::DVec3;
 
 const FLOAT: Component = (F32, None);
-const NORMALIZED: &[Component] = &[FLOAT, (U8, Some(true)), (U16, Some(true))];
+/// Some exporters forget `normalized`, without which integers have no meaning here.
+const NORMALIZED: &[Component] = &[FLOAT, (U8, None), (U16, None)];
 /// `KHR_mesh_quantization`.
 const QUANTIZED: &[Component] = &[FLOAT, (I8, None), (U8, None), (I16, None), (U16, None)];
 const QUANTIZED_NORMAL: &[Component] = &[FLOAT, (I8, Some(true)), (I16, Some(true))];
@@ -51,47 +52,98 @@ pub(super) fn finite_uv(uv: [f32; 2], replaced: &mut u64) -> [f32; 2] {
     if finite { uv } else { [0.0; 2] }
 }
 
+/// An attribute that shades a surface and never moves it: a primitive is read without one that is
+/// broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Shading {
+    Normal,
+    /// Of this set.
+    Uv(usize),
+    Color,
+}
+
+impl Shading {
+    /// The attribute of this name, where it is read beside the texture coordinates `uv_set`.
+    pub(super) fn of(name: &str, uv_set: usize) -> Option<Self> {
+        [Self::Normal, Self::Uv(uv_set), Self::Color]
+            .into_iter()
+            .find(|it| it.name() == name)
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Normal => "NORMAL".to_owned(),
+            Self::Uv(set) => format!("TEXCOORD_{set}"),
+            Self::Color => "COLOR_0".to_owned(),
+        }
+    }
+
+    /// Opens `accessors[index]`, of a type that the attribute may have; `place` is the primitive's.
+    pub(super) fn open(self, document: &Document, index: usize, place: &str) -> Read<Accessor> {
+        let user = format!("{place}.attributes.{}", self.name());
+        let mut accessor = Accessor::open(document, index, &user)?;
+        match self {
+            Self::Normal if document.quantized => accessor.expect(&[3], QUANTIZED_NORMAL)?,
+            Self::Normal => accessor.expect(&[3], &[FLOAT])?,
+            Self::Uv(_) if document.quantized => accessor.expect(&[2], QUANTIZED)?,
+            Self::Uv(_) => {
+                accessor.expect(&[2], NORMALIZED)?;
+                accessor.normalized = true;
+            }
+            Self::Color => {
+                accessor.expect(&[3, 4], NORMALIZED)?;
+                accessor.normalized = true;
+            }
+        }
+        Ok(accessor)
+    }
+}
+
 /// The accessors of a [`VertexSource`], each of a type that its attribute may have.
 pub(super) struct Attributes {
     position: Accessor,
     normal: Option<Accessor>,
     uv: Option<Accessor>,
     color: Option<Accessor>,
+    posing: Option<Posing>,
 }
 
 impl Attributes {
     /// Opens and checks them; `place` is the primitive's.
-    pub(super) fn open(document: &Document, source: &VertexSource, place: &str) -> Read<Self> {
-        let open = |name: &str, index: usize| {
-            Accessor::open(document, index, &format!("{place}.attributes.{name}"))
+    pub(super) fn open(
+        document: &Document,
+        source: &VertexSource,
+        pose: Option<&Pose>,
+        place: &str,
+    ) -> Read<Self> {
+        let user = format!("{place}.attributes.POSITION");
+        let position = Accessor::open(document, source.position, &user)?;
+        let components = if document.quantized {
+            QUANTIZED
+        } else {
+            &[FLOAT]
         };
-        let choose = |quantized, plain| if document.quantized { quantized } else { plain };
-        let position = open("POSITION", source.position)?;
-        position.expect(&[3], choose(QUANTIZED, &[FLOAT]))?;
-        let normal = source
-            .normal
-            .map(|index| open("NORMAL", index))
+        position.expect(&[3], components)?;
+        let open = |shading: Shading, index: Option<usize>| {
+            let accessor = index.map(|index| shading.open(document, index, place));
+            accessor.transpose()
+        };
+        let normal = open(Shading::Normal, source.normal)?;
+        let (uv_set, uv) = source.uv.unzip();
+        let uv = open(Shading::Uv(uv_set.unwrap_or_default()), uv)?;
+        let color = open(Shading::Color, source.color)?;
+        let posing = source.pose.as_ref().zip(pose);
+        let vertices = position.count;
+        let open = |(source, pose)| Posing::open(document, source, pose, vertices, place);
+        let posing = posing
+            .map(|(source, pose)| open((source, pose)))
             .transpose()?;
-        if let Some(normal) = &normal {
-            normal.expect(&[3], choose(QUANTIZED_NORMAL, &[FLOAT]))?;
-        }
-        let open_uv = |(set, index)| open(&format!("TEXCOORD_{set}"), index);
-        let uv = source.uv.map(open_uv).transpose()?;
-        if let Some(uv) = &uv {
-            uv.expect(&[2], choose(QUANTIZED, NORMALIZED))?;
-        }
-        let color = source
-            .color
-            .map(|index| open("COLOR_0", index))
-            .transpose()?;
-        if let Some(color) = &color {
-            color.expect(&[3, 4], NORMALIZED)?;
-        }
         Ok(Self {
             position,
             normal,
             uv,
             color,
+            posing,
         })
     }
 
@@ -105,6 +157,7 @@ impl Attributes {
         place: &str,
         warnings: &mut Warnings,
     ) -> Read<()> {
+        let first = mesh.positions.len();
         self.read_positions(used, mesh)?;
         let length = mesh.positions.len();
         if present.normals {
@@ -119,6 +172,12 @@ impl Attributes {
                 })?;
                 warnings.add(RESCALED, rescaled, place);
             }
+        }
+        if let Some(posing) = &self.posing {
+            let positions = &mut mesh.positions[first..];
+            let normals = mesh.normals.as_mut().filter(|_| self.normal.is_some());
+            let normals = normals.map(|normals| &mut normals[first..]);
+            posing.apply(used, positions, normals, place, warnings)?;
         }
         if present.uvs {
             let uvs = mesh.uvs.get_or_insert_default();

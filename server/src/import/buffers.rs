@@ -5,21 +5,22 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use gltf::json::{Root, buffer};
-
 use super::allowance::Allowance;
 use super::decompress;
-use super::error::{Fault, Read, malformed};
+use super::document::{BufferView, Index, Root, Whole};
+use super::error::{Fault, Read, malformed, quoted};
 use super::file::{Extent, InputFile};
 use super::uri::Target;
+use super::warnings::Warnings;
 
 /// Files below this are read at once: many small ones would need many open files.
 const SMALL_FILE_BYTES: u64 = 1 << 20;
 
 /// All buffers of a file, each exactly as long as the document says.
 pub(super) struct Buffers {
-    /// `None` for a buffer that only stands in for compressed views: it need not be there.
-    buffers: Vec<Option<Extent>>,
+    /// A buffer that cannot be had is a fault where it is read: files list some that nobody reads,
+    /// stand-ins for compressed views and the data of animations.
+    buffers: Vec<Read<Extent>>,
     /// Bytes of all buffers and decompressed views.
     held_bytes: u64,
     /// Decompressed views, each once.
@@ -41,48 +42,16 @@ pub(super) struct View {
 
 impl Buffers {
     /// Finds every buffer that the document lists; `bin` is the glb's binary chunk.
-    pub(super) fn open(root: &Root, bin: Option<&Extent>, allowance: &Allowance) -> Read<Self> {
+    pub(super) fn open(
+        root: &Root,
+        bin: Option<&Extent>,
+        allowance: &Allowance,
+        warnings: &mut Warnings,
+    ) -> Read<Self> {
         let mut files: HashMap<PathBuf, Extent> = HashMap::new();
-        let mut buffers = Vec::with_capacity(root.buffers.len());
-        for (at, buffer) in root.buffers.iter().enumerate() {
-            let place = format!("buffers[{at}]");
-            if decompress::is_fallback(buffer) {
-                buffers.push(None);
-                continue;
-            }
-            let whole = match (&buffer.uri, bin) {
-                (None, Some(bin)) if at == 0 => bin.clone(),
-                (None, _) => {
-                    let expected = "a uri, or in a .glb a binary chunk for the first buffer";
-                    return Err(malformed(place, expected, "neither"));
-                }
-                (Some(uri), _) => match allowance.resolve(uri, &format!("{place}.uri"))? {
-                    Target::Data(bytes) => {
-                        allowance.take(bytes.len() as u64, &place)?;
-                        Extent::memory(bytes)
-                    }
-                    // Several buffers may name one file.
-                    Target::File(path) => match files.get(&path) {
-                        Some(file) => file.clone(),
-                        None => {
-                            let mut file = Extent::file(InputFile::open(&path, &place)?);
-                            if file.len() <= SMALL_FILE_BYTES {
-                                allowance.take(file.len(), &place)?;
-                                file = Extent::memory(file.to_vec()?);
-                            }
-                            files.insert(path, file.clone());
-                            file
-                        }
-                    },
-                },
-            };
-            let length = buffer.byte_length.0;
-            let Some(extent) = whole.slice(0, length) else {
-                let expected = format!("byteLength {length} at least");
-                return Err(malformed(place, expected, format!("{} bytes", whole.len())));
-            };
-            buffers.push(Some(extent));
-        }
+        let buffers = (0..root.buffers.len())
+            .map(|at| find(root, at, bin, allowance, &mut files, warnings))
+            .collect();
         let mut buffers = Self {
             buffers,
             held_bytes: 0,
@@ -103,10 +72,10 @@ impl Buffers {
     pub(super) fn origin(&self, root: &Root, index: usize, place: &str) -> Read<Range> {
         let view = find_view(root, index, place)?;
         Ok(match decompress::find(view) {
-            Some(_) => (None, index as u64, view.byte_length.0),
+            Some(_) => (None, index as u64, view.claimed_bytes()),
             None => {
-                let offset = view.byte_offset.unwrap_or_default().0;
-                (Some(view.buffer.value()), offset, view.byte_length.0)
+                let buffer = view.buffer.map(Index::value);
+                (buffer, view.byte_offset.0, view.claimed_bytes())
             }
         })
     }
@@ -121,13 +90,17 @@ impl Buffers {
     pub(super) fn view(&self, root: &Root, index: usize, place: &str) -> Read<View> {
         let view = find_view(root, index, place)?;
         let here = format!("bufferViews[{index}]");
-        let stride = view.byte_stride.map(|stride| stride.0);
-        if let Some(stride) = stride
-            && (!(4..=252).contains(&stride) || stride % 4 != 0)
-        {
-            let here = format!("{here}.byteStride");
-            return Err(malformed(here, "a multiple of 4 in 4..=252", stride));
-        }
+        let stride = match view.byte_stride {
+            // Readers take 0 for tight, as the format's first version had it.
+            None | Some(Whole(0)) => None,
+            Some(Whole(stride)) if (4..=252).contains(&stride) && stride % 4 == 0 => {
+                Some(stride as usize)
+            }
+            Some(Whole(stride)) => {
+                let here = format!("{here}.byteStride");
+                return Err(malformed(here, "a multiple of 4 in 4..=252", stride));
+            }
+        };
         if let Some(compressed) = decompress::find(view) {
             return Ok(View {
                 extent: self.decompress(index, view, compressed, &here)?,
@@ -135,10 +108,11 @@ impl Buffers {
                 stride,
             });
         }
-        let offset = view.byte_offset.unwrap_or_default().0;
-        let buffer = view.buffer.value();
+        let offset = view.byte_offset.0;
+        let buffer = demand(view.buffer, &format!("{here}.buffer"))?.value();
+        let length = demand(view.byte_length, &format!("{here}.byteLength"))?.0;
         Ok(View {
-            extent: self.range(buffer, offset, view.byte_length.0, &here)?,
+            extent: self.range(buffer, offset, length, &here)?,
             offset_in_buffer: offset,
             stride,
         })
@@ -147,7 +121,7 @@ impl Buffers {
     fn decompress(
         &self,
         index: usize,
-        view: &buffer::View,
+        view: &BufferView,
         compressed: decompress::Extension,
         place: &str,
     ) -> Read<Extent> {
@@ -172,11 +146,7 @@ impl Buffers {
             let place = format!("{place}.buffer");
             return Err(out_of_range(&place, "buffers", self.buffers.len(), buffer));
         };
-        let Some(extent) = extent else {
-            let place = format!("{place}.buffer");
-            let found = format!("buffer {buffer}, a fallback without bytes");
-            return Err(malformed(place, "a buffer with bytes", found));
-        };
+        let extent = extent.as_ref().map_err(Fault::clone)?;
         extent.slice(offset, length).ok_or_else(|| {
             let expected = format!("a range within {} bytes", extent.len());
             malformed(place, expected, format!("{length} bytes at {offset}"))
@@ -184,7 +154,79 @@ impl Buffers {
     }
 }
 
-fn find_view<'a>(root: &'a Root, index: usize, place: &str) -> Read<&'a buffer::View> {
+/// The bytes of `buffers[at]`.
+fn find(
+    root: &Root,
+    at: usize,
+    bin: Option<&Extent>,
+    allowance: &Allowance,
+    files: &mut HashMap<PathBuf, Extent>,
+    warnings: &mut Warnings,
+) -> Read<Extent> {
+    let buffer = &root.buffers[at];
+    let place = format!("buffers[{at}]");
+    let length = demand(buffer.byte_length, &format!("{place}.byteLength"))?.0;
+    let whole = match (&buffer.uri, bin) {
+        (None, _) if decompress::is_fallback(buffer) => {
+            return Err(malformed(
+                place,
+                "a buffer with bytes",
+                "a fallback without",
+            ));
+        }
+        (None, Some(bin)) if at == 0 => bin.clone(),
+        (None, _) => {
+            let expected = "a uri, or in a .glb a binary chunk for the first buffer";
+            return Err(malformed(place, expected, "neither"));
+        }
+        (Some(uri), _) => {
+            let target = allowance.resolve(uri, &format!("{place}.uri"))?;
+            if let Target::Misspelt(_) = target {
+                let what = format!("buffer {} found by another spelling", quoted(uri));
+                warnings.add(what, 1, &place);
+            }
+            match target {
+                Target::Data(bytes) => {
+                    allowance.take(bytes.len() as u64, &place)?;
+                    Extent::memory(bytes)
+                }
+                Target::File(path) | Target::Misspelt(path) => {
+                    open_file(path, &place, allowance, files)?
+                }
+            }
+        }
+    };
+    whole.slice(0, length).ok_or_else(|| {
+        let expected = format!("byteLength {length} at least");
+        malformed(place, expected, format!("{} bytes", whole.len()))
+    })
+}
+
+/// The file at `path`, once for all buffers that name it.
+fn open_file(
+    path: PathBuf,
+    place: &str,
+    allowance: &Allowance,
+    files: &mut HashMap<PathBuf, Extent>,
+) -> Read<Extent> {
+    if let Some(file) = files.get(&path) {
+        return Ok(file.clone());
+    }
+    let mut file = Extent::file(InputFile::open(&path, place)?);
+    if file.len() <= SMALL_FILE_BYTES {
+        allowance.take(file.len(), place)?;
+        file = Extent::memory(file.to_vec()?);
+    }
+    files.insert(path, file.clone());
+    Ok(file)
+}
+
+/// A member that must be there, which `place` names.
+pub(super) fn demand<T>(member: Option<T>, place: &str) -> Read<T> {
+    member.ok_or_else(|| malformed(place, "a value", "none"))
+}
+
+fn find_view<'a>(root: &'a Root, index: usize, place: &str) -> Read<&'a BufferView> {
     root.buffer_views.get(index).ok_or_else(|| {
         let here = format!("{place}.bufferView");
         out_of_range(&here, "bufferViews", root.buffer_views.len(), index)

@@ -12,6 +12,8 @@ pub(super) struct Container {
 }
 
 const MAGIC: &[u8] = b"glTF";
+/// UTF-8's byte order mark, which editors on Windows put before a text.
+const MARK: &[u8] = b"\xef\xbb\xbf";
 const HEADER_BYTES: u64 = 12;
 const CHUNK_HEADER_BYTES: u64 = 8;
 /// A file has two, and one for each extension of the container.
@@ -27,17 +29,17 @@ pub(super) fn split(
     if head.starts_with(MAGIC) {
         return split_glb(file, allowance, warnings);
     }
-    let start = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head);
+    let start = head.strip_prefix(MARK).unwrap_or(&head);
     let blank = start.trim_ascii_start().is_empty();
     // What cannot be JSON is not read to its end.
-    let mut bytes = match blank || start.trim_ascii_start().starts_with(b"{") {
+    let bytes = match blank || start.trim_ascii_start().starts_with(b"{") {
         true => {
             allowance.fits(file.len(), "file")?;
             file.to_vec()?
         }
         false => head,
     };
-    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    let text = bytes.strip_prefix(MARK).unwrap_or(&bytes);
     if text.trim_ascii_start().is_empty() {
         return Err(malformed("file", "a glTF file", "nothing in it"));
     }
@@ -47,8 +49,6 @@ pub(super) fn split(
         let expected = "the magic \"glTF\" or a JSON object";
         return Err(malformed("byte 0", expected, found));
     }
-    let mark_bytes = bytes.len() - text.len();
-    bytes.drain(..mark_bytes);
     Ok(Container {
         json: utf8(bytes)?,
         bin: None,
@@ -129,7 +129,14 @@ fn word(bytes: &Extent, offset: u64, place: &str) -> Read<u32> {
     Ok(u32::from_le_bytes(word))
 }
 
-fn utf8(json: Vec<u8>) -> Read<String> {
+/// The text of a document, without a byte order mark and without the NULs that some exporters pad
+/// chunks with.
+fn utf8(mut json: Vec<u8>) -> Read<String> {
+    if json.starts_with(MARK) {
+        json.drain(..MARK.len());
+    }
+    let padding = json.iter().rev().take_while(|&&byte| byte == 0).count();
+    json.truncate(json.len() - padding);
     String::from_utf8(json).map_err(|error| {
         let found = format!("other bytes at byte {}", error.utf8_error().valid_up_to());
         malformed("JSON", "UTF-8", found)

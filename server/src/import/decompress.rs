@@ -4,11 +4,9 @@
 //! meshoptimizer's decoders are made for untrusted bytes, but they take lengths and strides on trust: those are
 //! checked here first, and what a view unfolds to is held to what its bytes can account for.
 
-use gltf::json::Root;
-use gltf::json::buffer::{Buffer, View};
-use serde_json::{Map, Value};
-
-use super::error::{Read, malformed, short, shown};
+use super::buffers::demand;
+use super::document::{Buffer, BufferView, Extensions, Index, Meshopt, Root, Whole};
+use super::error::{Read, malformed, short};
 
 /// The extension's names.
 pub(super) const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
@@ -20,30 +18,29 @@ const MOST_TOTAL_BYTES_PER_BYTE: u64 = 256;
 const TOTAL_BYTES_ALWAYS: u64 = 1 << 24;
 
 /// The extension's object, with its name.
-pub(super) type Extension<'a> = (&'static str, &'a Value);
+pub(super) type Extension<'a> = (&'static str, &'a Meshopt);
 
-fn of(others: Option<&Map<String, Value>>) -> Option<Extension<'_>> {
-    let others = others?;
-    NAMES
-        .into_iter()
-        .find_map(|name| Some((name, others.get(name)?)))
+fn of(extensions: Option<&Extensions>) -> Option<Extension<'_>> {
+    let extensions = extensions?;
+    let both = [&extensions.ext_meshopt, &extensions.khr_meshopt];
+    let mut named = NAMES.into_iter().zip(both);
+    named.find_map(|(name, it)| Some((name, &**it.as_ref()?)))
 }
 
 /// The extension of a view.
-pub(super) fn find(view: &View) -> Option<Extension<'_>> {
-    of(view.extensions.as_ref().map(|it| &it.others))
+pub(super) fn find(view: &BufferView) -> Option<Extension<'_>> {
+    of(view.extensions.as_deref())
 }
 
 /// Whether the buffer may be without bytes: it stands for what readers without the extension would need.
 pub(super) fn is_fallback(buffer: &Buffer) -> bool {
-    let extension = of(buffer.extensions.as_ref().map(|it| &it.others));
-    extension.is_some_and(|(_, it)| it.get("fallback") == Some(&Value::Bool(true)))
+    of(buffer.extensions.as_deref()).is_some_and(|(_, it)| it.fallback)
 }
 
 /// Bytes of all compressed views. Refuses a small file whose views unfold to very much.
 pub(super) fn check_total(root: &Root, bytes: u64) -> Read<u64> {
     let compressed = root.buffer_views.iter().filter(|view| find(view).is_some());
-    let total = compressed.fold(0u64, |sum, view| sum.saturating_add(view.byte_length.0));
+    let total = compressed.fold(0u64, |sum, view| sum.saturating_add(view.claimed_bytes()));
     let most = bytes
         .saturating_mul(MOST_TOTAL_BYTES_PER_BYTE)
         .max(TOTAL_BYTES_ALWAYS);
@@ -83,23 +80,24 @@ enum Filter {
 
 impl Block {
     /// Reads and checks the extension of `view`, which stands at `place`.
-    pub(super) fn parse(view: &View, (name, extension): Extension, place: &str) -> Read<Self> {
+    pub(super) fn parse(
+        view: &BufferView,
+        (name, extension): Extension,
+        place: &str,
+    ) -> Read<Self> {
         let view_place = place;
         let place = format!("{place}.extensions.{name}");
-        let number = |key: &str, default: Option<u64>| {
-            let value = extension.get(key);
-            let number = value.map_or(default, Value::as_u64);
-            number.ok_or_else(|| {
-                let found = value.map_or("nothing".to_owned(), |it| shown(it, 80));
-                malformed(format!("{place}.{key}"), "a whole number", found)
-            })
+        let number = |member: Option<Whole>, key: &str| {
+            demand(member, &format!("{place}.{key}")).map(|number| number.0)
         };
-        let (buffer, offset) = (number("buffer", None)?, number("byteOffset", Some(0))?);
-        let (length, count) = (number("byteLength", None)?, number("count", None)?);
-        let stride = number("byteStride", None)?;
-        let text = |key: &str| extension.get(key).and_then(Value::as_str);
-        let filter = text("filter").unwrap_or("NONE");
-        let (mode, strides, least_length) = match (text("mode"), filter) {
+        let buffer = demand(extension.buffer, &format!("{place}.buffer"))?;
+        let offset = extension.byte_offset.0;
+        let length = number(extension.byte_length, "byteLength")?;
+        let count = number(extension.count, "count")?;
+        let stride = number(extension.byte_stride, "byteStride")?;
+        let filter = extension.filter.as_deref().unwrap_or("NONE");
+        let mode = extension.mode.as_deref();
+        let (mode, strides, least_length) = match (mode, filter) {
             (Some("ATTRIBUTES"), filter) => {
                 let (filter, strides): (_, &[u64]) = match filter {
                     "NONE" => (Filter::None, &[]),
@@ -147,9 +145,9 @@ impl Block {
             return Err(malformed(format!("{place}.byteLength"), expected, length));
         }
         let bytes = count.saturating_mul(stride);
-        if bytes != view.byte_length.0 {
+        if bytes != view.claimed_bytes() {
             let expected = format!("{count} elements of {stride} bytes, as its extension says");
-            let found = view.byte_length.0;
+            let found = view.claimed_bytes();
             return Err(malformed(
                 format!("{view_place}.byteLength"),
                 expected,
@@ -158,7 +156,7 @@ impl Block {
         }
         Ok(Self {
             place,
-            buffer: usize::try_from(buffer).unwrap_or(usize::MAX),
+            buffer: Index::value(buffer),
             offset,
             length,
             // In range: the bytes that back them are bounded above.

@@ -26,7 +26,7 @@ impl ImportError {
 }
 
 /// What is wrong, and where in the document: `meshes[3].primitives[0].attributes.POSITION (accessor 7)`.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum Fault {
     /// The bytes or the text break the file's format.
     #[error("{place}: expected {expected}, found {found}")]
@@ -58,6 +58,19 @@ pub enum Fault {
         /// The operating system's reason.
         cause: String,
     },
+}
+
+impl Fault {
+    /// What is wrong, for a line that names the place itself.
+    pub(super) fn reason(&self) -> String {
+        match self {
+            Self::Malformed {
+                expected, found, ..
+            } => format!("expected {expected}, found {found}"),
+            Self::Unsupported { what, .. } => format!("{what} is not supported"),
+            Self::File { file, cause, .. } => format!("cannot read {file}: {cause}"),
+        }
+    }
 }
 
 /// Longest place, and longest text of ours, in characters.

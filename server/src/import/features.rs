@@ -1,15 +1,13 @@
 //! Features: which extensions the file needs, and what of it this reader leaves out.
 
-use gltf::json::Root;
-use gltf::json::mesh::{Mode, Primitive};
-use gltf::json::validation::Checked;
-
 use super::decompress;
+use super::document::{Primitive, Root, Tolerant};
 use super::error::{Read, short, unsupported};
 use super::warnings::Warnings;
 
 pub(super) const QUANTIZATION: &str = "KHR_mesh_quantization";
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+pub(super) const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 const READ: &[&str] = &[
     QUANTIZATION,
     INSTANCING,
@@ -18,24 +16,82 @@ const READ: &[&str] = &[
     "KHR_texture_transform",
     "KHR_materials_unlit",
     "KHR_materials_emissive_strength",
-    "KHR_materials_pbrSpecularGlossiness",
+    SPECULAR_GLOSSINESS,
+    "KHR_node_visibility",
 ];
 const DRACO: &str = "KHR_draco_mesh_compression";
-/// They change how a surface looks and never its shape, so that a file which requires them is read without them;
-/// `materials` notes each use.
-pub(super) const LOOKS: &[&str] = &[
-    "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat",
-    "KHR_materials_diffuse_transmission",
-    "KHR_materials_dispersion",
-    "KHR_materials_ior",
-    "KHR_materials_iridescence",
-    "KHR_materials_sheen",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_variants",
-    "KHR_materials_volume",
+/// Kinds of extensions, as they stand behind the vendor's prefix, that change how surfaces look,
+/// how they are lit, or how a scene behaves, and never their shape: a file that requires one is
+/// read without it. Other words may follow a kind.
+const HARMLESS_KINDS: &[&str] = &[
+    "animation_",
+    "articulations",
+    "audio",
+    "bim_data",
+    "blend",
+    "camera_",
+    "collider",
+    "collision_shapes",
+    "components",
+    "displaymapping",
+    "environment",
+    "feature_metadata",
+    "geometry_metadata",
+    "haptic",
+    "hubs",
+    "image_based_lighting",
+    "image_ortho",
+    "implicit_shapes",
+    "instance_features",
+    "interactivity",
+    "lightmap",
+    "lights",
+    "lights_",
+    "link",
+    "lod",
+    "material_",
+    "materials_",
+    "media",
+    "mesh_features",
+    "mesh_manifold",
+    "mesh_primitive_edge_visibility",
+    "metadata",
+    "ngon_encoding",
+    "node_constraint",
+    "node_hoverability",
+    "node_selectability",
+    "normal_map_convention",
+    "packing_",
+    "personality",
+    "physics",
+    "primitive_outline",
+    "seat",
+    "single_root",
+    "spawn_point",
+    "springBone",
+    "stk_metadata",
+    "structural_metadata",
+    "tags",
+    "techniques_webgl",
+    "temporal_light_traits",
+    "texture_",
+    "textureInfo",
+    "tilt_brush_material",
+    "vehicle",
+    "vrm",
+    "VRM",
+    "xmp",
 ];
+
+/// Whether surfaces keep their shape without the extension.
+fn is_harmless(extension: &str) -> bool {
+    // `VRM` has no vendor.
+    let kind = extension.split_once('_').map_or(extension, |it| it.1);
+    HARMLESS_KINDS.iter().any(|harmless| {
+        let rest = kind.strip_prefix(harmless);
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('_') || harmless.ends_with('_'))
+    })
+}
 
 /// Whether the file lists the extension as used or required.
 pub(super) fn names(root: &Root, extension: &str) -> bool {
@@ -47,46 +103,39 @@ pub(super) fn names(root: &Root, extension: &str) -> bool {
 pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Read<()> {
     for (at, extension) in root.extensions_required.iter().enumerate() {
         let extension = extension.as_str();
-        if READ.contains(&extension) || LOOKS.contains(&extension) {
+        let place = format!("extensionsRequired[{at}]");
+        if READ.contains(&extension) {
+            continue;
+        }
+        if is_harmless(extension) {
+            note(extension, &place, warnings);
             continue;
         }
         let advice = match extension {
             DRACO => "decompress the file first, or export it without mesh compression",
             _ => "export the file without requiring it",
         };
-        let place = format!("extensionsRequired[{at}]");
         let what = format!("the required extension {}", short(extension));
         return Err(unsupported(place, what, advice));
     }
     for (at, extension) in root.extensions_used.iter().enumerate() {
-        let extension = extension.as_str();
         // Draco beside plain data costs nothing; `check_primitive` refuses it where the plain data is not there.
-        let quiet = [READ, LOOKS, &[DRACO]]
-            .iter()
-            .any(|it| it.contains(&extension));
-        if !quiet {
-            let what = format!("optional extension {} not read", short(extension));
-            warnings.add(what, 1, &format!("extensionsUsed[{at}]"));
+        if !READ.contains(&extension.as_str()) && extension != DRACO {
+            note(extension, &format!("extensionsUsed[{at}]"), warnings);
         }
     }
-    let variants = root.extensions.as_ref().map(|it| &it.others);
-    let variants = variants.and_then(|it| it.get("KHR_materials_variants"));
-    warnings.add(
-        "KHR_materials_variants left out, primitives show their first material",
-        u64::from(variants.is_some()),
-        "extensions",
-    );
-    let left_out = |warnings: &mut Warnings, what: &str, amount: usize| {
-        warnings.add(format!("{what} left out"), amount as u64, what);
-    };
-    left_out(warnings, "animations", root.animations.len());
-    left_out(warnings, "cameras", root.cameras.len());
-    warnings.add(
-        "skins left out, meshes stand in their bind pose",
-        root.skins.len() as u64,
-        "skins",
-    );
+    for (what, amount) in [
+        ("animations", root.animations.0),
+        ("cameras", root.cameras.0),
+    ] {
+        warnings.add(format!("{what} left out"), amount, what);
+    }
     Ok(())
+}
+
+/// Notes an extension that is not read; a material and the lists of the document give one line.
+pub(super) fn note(extension: &str, place: &str, warnings: &mut Warnings) {
+    warnings.add(format!("extension {} left out", short(extension)), 1, place);
 }
 
 /// Refuses a primitive whose data is only there compressed by Draco.
@@ -96,13 +145,13 @@ pub(super) fn check_primitive(
     place: &str,
     warnings: &mut Warnings,
 ) -> Read<()> {
-    let extensions = primitive.extensions.as_ref().map(|it| &it.others);
-    if !extensions.is_some_and(|it| it.contains_key(DRACO)) {
+    let extensions = primitive.extensions.as_ref();
+    if extensions.is_none_or(|it| it.draco.is_none()) {
         return Ok(());
     }
-    let accessors = primitive.attributes.values().chain(&primitive.indices);
+    let accessors = primitive.attributes.0.values().chain(&primitive.indices);
     let is_plain = |index: usize| {
-        let accessor = root.accessors.get(index);
+        let accessor = root.accessors.get(index).and_then(Tolerant::read);
         accessor.is_none_or(|it| it.buffer_view.is_some() || it.sparse.is_some())
     };
     let mut indices = accessors.map(|accessor| accessor.value());
@@ -113,15 +162,4 @@ pub(super) fn check_primitive(
     }
     let advice = "decompress the file first, or export it without mesh compression";
     Err(unsupported(place, DRACO, advice))
-}
-
-/// The name of a primitive's mode where it has no triangles.
-pub(super) fn mode_without_triangles(mode: Checked<Mode>) -> Option<&'static str> {
-    match mode {
-        Checked::Valid(Mode::Points) => Some("POINTS"),
-        Checked::Valid(Mode::Lines) => Some("LINES"),
-        Checked::Valid(Mode::LineLoop) => Some("LINE_LOOP"),
-        Checked::Valid(Mode::LineStrip) => Some("LINE_STRIP"),
-        _ => None,
-    }
 }

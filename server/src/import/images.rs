@@ -9,8 +9,10 @@ use image::{ImageFormat, ImageReader, ImageResult};
 use super::Document;
 use super::allowance::Allowance;
 use super::buffers::{Range, out_of_range};
-use super::error::{Read, cannot_read, malformed, quoted};
-use super::scene::{Image, MediaType};
+use super::decodable;
+use super::document::{self, Tolerant};
+use super::error::{Read, cannot_read, malformed, quoted, short};
+use super::scene::{Image, Material, MediaType};
 use super::uri::{self, Target};
 use super::warnings::Warnings;
 
@@ -38,6 +40,8 @@ pub(super) struct Images<'a> {
 enum Origin {
     View(Range),
     File(PathBuf),
+    /// Of the image with this index.
+    Inline(usize),
 }
 
 impl<'a> Images<'a> {
@@ -53,29 +57,51 @@ impl<'a> Images<'a> {
     }
 
     /// The place in [`Images::into_used`] of `images[index]`, which `user` names; `None`, with a
-    /// warning, where it is left out.
+    /// warning that names it, where it cannot be had: the surface keeps its shape without.
     pub(super) fn find(
         &mut self,
         index: usize,
         user: &str,
         warnings: &mut Warnings,
-    ) -> Read<Option<u32>> {
+    ) -> Option<u32> {
         if let Some(found) = self.found.get(&index) {
-            return Ok(*found);
+            return *found;
         }
-        let number = self.look(index, user, warnings)?;
+        let found = self.look(index, user, warnings);
+        let number = found.unwrap_or_else(|fault| {
+            let what = format!("image {} left out ({fault})", quoted(&self.name(index)));
+            warnings.add(what, 1, user);
+            None
+        });
         self.found.insert(index, number);
-        Ok(number)
+        number
+    }
+
+    /// The name of `images[index]` as people know it, short.
+    pub(super) fn name(&self, index: usize) -> String {
+        let image = self.document.root.images.get(index);
+        let image = image.and_then(Tolerant::read);
+        let file = image.and_then(|it| it.uri.as_deref());
+        let file = file.filter(|uri| !uri::is_data(uri));
+        match file.or(image.and_then(|it| it.name.0.as_deref())) {
+            Some(name) => short(name),
+            None => format!("images[{index}]"),
+        }
     }
 
     fn look(&mut self, index: usize, user: &str, warnings: &mut Warnings) -> Read<Option<u32>> {
         let images = &self.document.root.images;
-        let Some(image) = images.get(index) else {
-            let user = format!("{user}.source");
-            return Err(out_of_range(&user, "images", images.len(), index));
-        };
         let place = format!("images[{index}]");
+        let image = match images.get(index).map(|it| &it.0) {
+            Some(Ok(image)) => image,
+            Some(Err(reason)) => return Err(malformed(place, "an image", reason)),
+            None => {
+                let user = format!("{user}.source");
+                return Err(out_of_range(&user, "images", images.len(), index));
+            }
+        };
         let allowance = self.gauge.allowance;
+        let mut inline = None;
         let origin = match (&image.uri, image.buffer_view) {
             (None, Some(view)) => {
                 let (buffers, root) = (self.document.buffers, self.document.root);
@@ -87,10 +113,14 @@ impl<'a> Images<'a> {
             }
             (Some(uri), None) => match allowance.resolve(uri, &format!("{place}.uri"))? {
                 Target::File(path) => Origin::File(path),
+                Target::Misspelt(path) => {
+                    let what = format!("image {} found by another spelling", quoted(uri));
+                    warnings.add(what, 1, &place);
+                    Origin::File(path)
+                }
                 Target::Data(bytes) => {
-                    let name = image.name.as_deref().unwrap_or("of a data: URI");
-                    let image = self.gauge.measure(bytes, name, &place, warnings)?;
-                    return Ok(self.keep(image));
+                    inline = Some(bytes);
+                    Origin::Inline(index)
                 }
             },
             (uri, _) => {
@@ -101,16 +131,18 @@ impl<'a> Images<'a> {
         if let Some(known) = self.by_origin.get(&origin) {
             return Ok(*known);
         }
-        let name = image.uri.as_deref().or(image.name.as_deref());
-        let bytes = self.load(&origin, image, &place)?;
-        let name = name.unwrap_or("without a name");
-        let image = self.gauge.measure(bytes, name, &place, warnings)?;
-        let number = self.keep(image);
+        let bytes = match inline {
+            Some(bytes) => bytes,
+            None => self.load(&origin, image, &place)?,
+        };
+        let name = self.name(index);
+        let image = self.gauge.measure(bytes, &name, &place, warnings)?;
+        let number = self.keep(image, name);
         self.by_origin.insert(origin, number);
         Ok(number)
     }
 
-    fn load(&mut self, origin: &Origin, image: &gltf::json::Image, place: &str) -> Read<Vec<u8>> {
+    fn load(&mut self, origin: &Origin, image: &document::Image, place: &str) -> Read<Vec<u8>> {
         if let Origin::File(path) = origin {
             let name = image.uri.as_deref().unwrap_or_default();
             return self.gauge.allowance.read(path, name, place);
@@ -129,15 +161,21 @@ impl<'a> Images<'a> {
         extent.to_vec()
     }
 
-    fn keep(&mut self, image: Option<Image>) -> Option<u32> {
+    fn keep(&mut self, image: Option<Image>, name: String) -> Option<u32> {
         let number = self.used.len() as u32;
         self.used.push(image?);
+        self.gauge.names.push(name);
         Some(number)
     }
 
-    /// The images that were asked for, in that order.
-    pub(super) fn into_used(self) -> Vec<Image> {
-        self.used
+    /// The images that were asked for, in that order, but for those whose pixels cannot be had;
+    /// numbers the images of `materials` anew.
+    pub(super) fn into_used(
+        self,
+        materials: &mut [Material],
+        warnings: &mut Warnings,
+    ) -> Vec<Image> {
+        self.gauge.decodable(self.used, materials, warnings)
     }
 }
 
@@ -146,6 +184,8 @@ pub(super) struct Gauge<'a> {
     allowance: &'a Allowance<'a>,
     pixels: u64,
     bytes: u64,
+    /// Of the images that are kept.
+    names: Vec<String>,
 }
 
 impl<'a> Gauge<'a> {
@@ -154,6 +194,7 @@ impl<'a> Gauge<'a> {
             allowance,
             pixels: 0,
             bytes: 0,
+            names: Vec::new(),
         }
     }
 
@@ -170,17 +211,47 @@ impl<'a> Gauge<'a> {
             warnings.add(OUTSIDE, 1, &format!("{place} {}", quoted(name)));
             return Ok(None);
         }
-        let loaded = allowance.file(name, place).and_then(|path| {
+        let loaded = allowance.beside(name, place).and_then(|path| {
             let bytes = allowance.read(&path, name, place)?;
             self.measure(bytes, name, place, warnings)
         });
         match loaded {
-            Ok(image) => Ok(image),
+            Ok(image) => {
+                self.names.extend(image.is_some().then(|| short(name)));
+                Ok(image)
+            }
             Err(fault) => {
                 warnings.add(format!("images left out ({fault})"), 1, place);
                 Ok(None)
             }
         }
+    }
+
+    /// All of `images`, which were kept in this order, but for those whose pixels cannot be had;
+    /// numbers the images of `materials` anew.
+    pub(super) fn decodable(
+        &self,
+        images: Vec<Image>,
+        materials: &mut [Material],
+        warnings: &mut Warnings,
+    ) -> Vec<Image> {
+        let faults = decodable::faults(&images, self.allowance);
+        let (mut numbers, mut kept) = (Vec::new(), Vec::new());
+        for ((image, name), fault) in images.into_iter().zip(&self.names).zip(faults) {
+            numbers.push(fault.is_none().then_some(kept.len() as u32));
+            match fault {
+                None => kept.push(image),
+                Some(reason) => {
+                    let what = format!("image {} left out ({reason})", quoted(name));
+                    warnings.add(what, 1, "images");
+                }
+            }
+        }
+        for material in materials {
+            let image = material.base_color_image;
+            material.base_color_image = image.and_then(|image| numbers[image as usize]);
+        }
+        kept
     }
 
     /// Tells the format by content and reads the size out of the header; `None`, with a warning,
@@ -195,19 +266,18 @@ impl<'a> Gauge<'a> {
         let (media_type, format) = match image::guess_format(&bytes) {
             Ok(ImageFormat::Png) => (MediaType::Png, ImageFormat::Png),
             Ok(ImageFormat::Jpeg) => (MediaType::Jpeg, ImageFormat::Jpeg),
-            Ok(other) => {
-                let what = format!("images of type {} left out", other.to_mime_type());
-                warnings.add(what, 1, place);
-                return Ok(None);
-            }
-            Err(_) => {
-                // Named, not quoted: the file may be anything.
-                let what = match () {
-                    () if bytes.starts_with(b"\xabKTX 20\xbb") => "images of type image/ktx2",
-                    () if bytes.starts_with(b"sB") => "images of type Basis",
-                    () => "images that are neither PNG nor JPEG",
+            other => {
+                // By its type, not by its bytes: the file may be anything.
+                let kind = match other {
+                    Ok(other) => format!("of type {}", other.to_mime_type()),
+                    Err(_) if bytes.starts_with(b"\xabKTX 20\xbb") => {
+                        "of type image/ktx2".to_owned()
+                    }
+                    Err(_) if bytes.starts_with(b"sB") => "of type Basis".to_owned(),
+                    Err(_) => "that is neither PNG nor JPEG".to_owned(),
                 };
-                warnings.add(format!("{what} left out"), 1, place);
+                let what = format!("image {} {kind} left out", quoted(name));
+                warnings.add(what, 1, place);
                 return Ok(None);
             }
         };

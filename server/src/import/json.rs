@@ -1,16 +1,10 @@
-//! JSON: text to the `gltf` crate's typed document.
+//! JSON: text to the typed document.
 //!
-//! That document keeps indices as `u32` and cuts larger numbers silently, skips `extras` without
-//! parsing them, its errors know a column but no path, and three bytes of text may become a
-//! kilobyte. So the text is walked once before, by `walk`, which counts what the document would
-//! take.
-
-use gltf::json::Root;
-use serde::Deserialize;
-use serde::de::IgnoredAny;
-use serde_json::value::RawValue;
+//! Three bytes of text may become hundreds of memory, and the parser's errors know a column but no
+//! path. So the text is walked once before, by `walk`, which counts what the document would take.
 
 use super::allowance::Allowance;
+use super::document::Root;
 use super::error::{Fault, Read, malformed, shown};
 use super::walk;
 
@@ -20,65 +14,24 @@ const MESSAGE_CHARS: usize = 400;
 /// Parses and checks syntax, nesting (serde_json stops at 128 levels), index ranges, the memory
 /// that the document takes and the asset's version.
 pub(super) fn parse(text: &str, allowance: &Allowance) -> Read<Root> {
-    // The text, the strings and extras that are copied out of it, and a copy with what it lacks.
+    // The text, the strings that are copied out of it, and the longest of them unescaped.
     allowance.take(3 * text.len() as u64, "JSON")?;
     let meter = walk::Meter::new(text.len() as u64, allowance.left_bytes());
     walk::walk(text, &meter).map_err(|error| fault(text, &error))?;
     allowance.take(meter.bytes(), "JSON")?;
-    let root = match Root::from_str(text) {
-        Ok(root) => root,
-        // The crate asks for `scenes[].nodes`, which the specification leaves optional.
-        Err(error) if shown(&error, MESSAGE_CHARS).starts_with("missing field `nodes`") => {
-            with_scene_nodes(text).map_err(|error| fault(text, &error))?
-        }
-        Err(error) => return Err(fault(text, &error)),
-    };
+    let root = serde_json::from_str(text).map_err(|error| fault(text, &error))?;
     check_version(&root)?;
     Ok(root)
 }
 
-/// The document of `text` with empty lists of nodes where scenes have none.
-fn with_scene_nodes(text: &str) -> serde_json::Result<Root> {
-    #[derive(Deserialize)]
-    struct Document<'a> {
-        #[serde(borrow, default)]
-        scenes: Vec<&'a RawValue>,
-    }
-    #[derive(Deserialize)]
-    struct Scene {
-        nodes: Option<IgnoredAny>,
-    }
-    let document: Document = serde_json::from_str(text)?;
-    let mut whole = String::with_capacity(text.len());
-    let mut copied = 0;
-    for scene in document.scenes {
-        let Some(inside) = scene.get().strip_prefix('{') else {
-            continue;
-        };
-        if serde_json::from_str::<Scene>(scene.get())?.nodes.is_some() {
-            continue;
-        }
-        // `inside` is a part of `text`.
-        let start = inside.as_ptr() as usize - text.as_ptr() as usize;
-        whole.push_str(&text[copied..start]);
-        let is_empty = inside.trim_start().starts_with('}');
-        whole.push_str(if is_empty {
-            "\"nodes\":[]"
-        } else {
-            "\"nodes\":[],"
-        });
-        copied = start;
-    }
-    whole.push_str(&text[copied..]);
-    serde_json::from_str(&whole)
-}
-
 fn check_version(root: &Root) -> Read<()> {
-    let version = &root.asset.version;
+    let asset = root.asset.as_ref();
+    let version = asset.and_then(|asset| asset.version.as_deref());
+    let version = version.unwrap_or("none");
     if version.split('.').next() != Some("2") {
         return Err(malformed("asset.version", "2.0", version));
     }
-    match root.asset.min_version.as_deref() {
+    match asset.and_then(|asset| asset.min_version.as_deref()) {
         None | Some("2.0" | "1.0") => Ok(()),
         Some(least) => Err(malformed("asset.minVersion", "2.0 at most", least)),
     }
@@ -176,20 +129,5 @@ fn place(text: &str, line: usize, column: usize) -> String {
     match path.is_empty() {
         true => path,
         false => format!(" ({path})"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::with_scene_nodes;
-
-    #[test]
-    fn scenes_without_nodes_get_an_empty_list() {
-        let text =
-            r#"{"asset":{"version":"2.0"},"scenes":[{}, { "name" : "a}" },{"nodes":[1]},{ }]}"#;
-        let root = with_scene_nodes(text).expect("parses");
-        let nodes: Vec<usize> = root.scenes.iter().map(|scene| scene.nodes.len()).collect();
-        assert_eq!(nodes, [0, 0, 1, 0]);
-        assert_eq!(root.scenes[1].name.as_deref(), Some("a}"));
     }
 }

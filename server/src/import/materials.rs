@@ -1,15 +1,12 @@
 //! Materials: the metallic-roughness model with its base-colour texture.
 
-use gltf::json::extensions::material::PbrSpecularGlossiness;
-use gltf::json::extensions::texture::TextureTransform;
-use gltf::json::material::AlphaMode as JsonAlphaMode;
-use gltf::json::texture::{Info, MagFilter, WrappingMode};
-use gltf::json::validation::Checked;
-
 use super::Document;
 use super::allowance::Allowance;
-use super::buffers::out_of_range;
-use super::error::{Read, malformed, short};
+use super::document::{
+    Extensions, Material as Source, SpecularGlossiness, TextureInfo, TextureTransform, Tolerant,
+    Whole,
+};
+use super::error::{quoted, short};
 use super::features;
 use super::images::Images;
 use super::scene::{AlphaMode, Image, Material, SamplerWrap, short_name};
@@ -21,13 +18,22 @@ pub(super) fn read(
     allowance: &Allowance,
     with_default: bool,
     warnings: &mut Warnings,
-) -> Read<(Vec<Material>, Vec<Image>)> {
+) -> (Vec<Material>, Vec<Image>) {
     let mut images = Images::new(document, allowance);
     let mut materials = Vec::with_capacity(document.root.materials.len() + 1);
     for (at, source) in document.root.materials.iter().enumerate() {
         let place = format!("materials[{at}]");
+        let source = match &source.0 {
+            Ok(source) => source,
+            Err(reason) => {
+                let what = format!("materials left out, the default shown ({reason})");
+                warnings.add(what, 1, &place);
+                materials.push(Material::default());
+                continue;
+            }
+        };
         note_other_textures(source, &place, warnings);
-        let mut material = read_factors(source, &place, warnings)?;
+        let mut material = read_factors(source, &place, warnings);
         if let Some((texture, name)) = base_texture(source) {
             let place = format!("{place}.{name}");
             read_texture(
@@ -37,115 +43,138 @@ pub(super) fn read(
                 &mut material,
                 &mut images,
                 warnings,
-            )?;
+            );
         }
         materials.push(material);
     }
     if with_default {
         materials.push(Material::default());
     }
-    Ok((materials, images.into_used()))
+    let images = images.into_used(&mut materials, warnings);
+    (materials, images)
+}
+
+fn extensions(source: &Source) -> Option<&Extensions> {
+    source.extensions.as_deref()
 }
 
 /// The specular-glossiness model where the material has it: its authors prefer that one.
-fn specular_glossiness(source: &gltf::json::Material) -> Option<&PbrSpecularGlossiness> {
-    source.extensions.as_ref()?.pbr_specular_glossiness.as_ref()
+fn specular_glossiness(source: &Source) -> Option<&SpecularGlossiness> {
+    extensions(source)?.specular_glossiness.as_deref()
+}
+
+/// The share of light that the specular factor leaves to the diffuse colour.
+fn unmirrored(model: &SpecularGlossiness) -> f64 {
+    let specular = model.specular_factor.unwrap_or([1.0; 3]);
+    1.0 - specular.into_iter().fold(0.0, f64::max).min(1.0)
 }
 
 /// The texture that becomes the base colour's, and its place in the material.
-fn base_texture(source: &gltf::json::Material) -> Option<(&Info, &'static str)> {
+fn base_texture(source: &Source) -> Option<(&TextureInfo, &'static str)> {
     if let Some(model) = specular_glossiness(source) {
         let place = "extensions.KHR_materials_pbrSpecularGlossiness.diffuseTexture";
-        return Some((model.diffuse_texture.as_ref()?, place));
+        // All light is mirrored where the specular colour is 1, so that no texel is seen.
+        let is_mirror = model.specular_glossiness_texture.is_none() && unmirrored(model) == 0.0;
+        let texture = model.diffuse_texture.as_ref().filter(|_| !is_mirror);
+        return Some((texture?, place));
     }
-    let texture = source.pbr_metallic_roughness.base_color_texture.as_ref();
+    let texture = source.surface.base_color_texture.as_ref();
     Some((texture?, "pbrMetallicRoughness.baseColorTexture"))
 }
 
+fn texture_transform(info: &TextureInfo) -> Option<&TextureTransform> {
+    info.extensions.as_ref()?.texture_transform.as_deref()
+}
+
 /// The set `N` of `TEXCOORD_N` that the base colour's texture uses; `None` without a texture.
-pub(super) fn textured_uv_set(source: &gltf::json::Material) -> Option<u32> {
-    let (info, _) = base_texture(source)?;
-    let transform = info
-        .extensions
-        .as_ref()
-        .and_then(|it| it.texture_transform.as_ref());
-    let chosen = transform.and_then(|it| it.tex_coord);
-    Some(chosen.unwrap_or(info.tex_coord))
+pub(super) fn textured_uv_set(source: &Tolerant<Source>) -> Option<usize> {
+    let (info, _) = base_texture(source.read()?)?;
+    let chosen = texture_transform(info).and_then(|it| it.uv_set);
+    Some(chosen.or(info.uv_set).unwrap_or_default().value())
 }
 
 /// The same, 0 without a texture.
-pub(super) fn uv_set(source: &gltf::json::Material) -> u32 {
+pub(super) fn uv_set(source: &Tolerant<Source>) -> usize {
     textured_uv_set(source).unwrap_or(0)
 }
 
-fn note_other_textures(source: &gltf::json::Material, place: &str, warnings: &mut Warnings) {
-    let pbr = &source.pbr_metallic_roughness;
+fn note_other_textures(source: &Source, place: &str, warnings: &mut Warnings) {
+    let model = specular_glossiness(source);
     let textures = [
         (
             "metallicRoughnessTexture",
-            pbr.metallic_roughness_texture.is_some(),
+            source.surface.metallic_roughness_texture.is_some(),
         ),
         ("normalTexture", source.normal_texture.is_some()),
         ("occlusionTexture", source.occlusion_texture.is_some()),
         ("emissiveTexture", source.emissive_texture.is_some()),
         (
             "specularGlossinessTexture",
-            specular_glossiness(source).is_some_and(|it| it.specular_glossiness_texture.is_some()),
+            model.is_some_and(|it| it.specular_glossiness_texture.is_some()),
         ),
     ];
     for (name, present) in textures {
-        warnings.add(format!("{name} left out"), u64::from(present), place);
+        let what = format!("{name} left out, with the factors that it scales");
+        warnings.add(what, u64::from(present), place);
     }
-    let extensions = source.extensions.iter().flat_map(|it| it.others.keys());
-    for name in extensions.filter(|name| features::LOOKS.contains(&name.as_str())) {
-        warnings.add(format!("{name} left out"), 1, place);
+    let what = format!(
+        "{} approximated as metallic-roughness",
+        features::SPECULAR_GLOSSINESS
+    );
+    warnings.add(what, u64::from(model.is_some()), place);
+    for name in extensions(source).iter().flat_map(|it| &it.others) {
+        features::note(name, place, warnings);
     }
 }
 
 /// Factors of the metallic-roughness model.
 struct Factors {
-    base_color: [f32; 4],
-    metallic: f32,
-    roughness: f32,
+    base_color: [f64; 4],
+    metallic: f64,
+    roughness: f64,
 }
 
-fn factors(source: &gltf::json::Material) -> Factors {
-    let pbr = &source.pbr_metallic_roughness;
+fn factors(source: &Source) -> Factors {
+    let surface = &source.surface;
     let Some(model) = specular_glossiness(source) else {
         return Factors {
-            base_color: pbr.base_color_factor.0,
+            base_color: surface.base_color_factor.unwrap_or([1.0; 4]),
             // The factor multiplies a texture that is left out; taken alone, its default of 1 would make everything metal.
-            metallic: match pbr.metallic_roughness_texture {
+            metallic: match surface.metallic_roughness_texture {
                 Some(_) => 0.0,
-                None => pbr.metallic_factor.0,
+                None => surface.metallic_factor.unwrap_or(1.0),
             },
-            roughness: pbr.roughness_factor.0,
+            roughness: surface.roughness_factor.unwrap_or(1.0),
         };
     };
-    let diffuse = model.diffuse_factor.0;
-    let roughness = 1.0 - model.glossiness_factor.0;
-    let textured = model.diffuse_texture.is_some() || model.specular_glossiness_texture.is_some();
-    let (base_color, metallic) = match textured {
-        // What is metal is for each texel to say; the surface is taken as none.
-        true => (diffuse, 0.0),
-        false => convert_specular(diffuse, model.specular_factor.0),
+    let diffuse = model.diffuse_factor.unwrap_or([1.0; 4]);
+    let specular = model.specular_factor.unwrap_or([1.0; 3]);
+    let glossiness = model.glossiness_factor.unwrap_or(1.0);
+    let (base_color, metallic) = match model.specular_glossiness_texture {
+        // Each texel says whether it is metal; the surface is taken as none.
+        Some(_) => (diffuse, 0.0),
+        None => convert_specular(diffuse, specular),
     };
     Factors {
         base_color,
         metallic,
-        roughness,
+        roughness: match model.specular_glossiness_texture {
+            // The factor multiplies a texture that is left out; its default of 1 would be a mirror.
+            Some(_) => 1.0 - 0.5 * glossiness,
+            None => 1.0 - glossiness,
+        },
     }
 }
 
 /// Base colour and metalness of a diffuse and a specular colour, as the extension's own converter has it (KhronosGroup/glTF,
 /// `extensions/2.0/Archived/KHR_materials_pbrSpecularGlossiness/examples/convert-between-workflows`).
-fn convert_specular(diffuse: [f32; 4], specular: [f32; 3]) -> ([f32; 4], f32) {
+fn convert_specular(diffuse: [f64; 4], specular: [f64; 3]) -> ([f64; 4], f64) {
     /// Reflectance of a surface that is no metal.
-    const DIELECTRIC: f32 = 0.04;
-    let brightness = |[r, g, b]: [f32; 3]| (0.299 * r * r + 0.587 * g * g + 0.114 * b * b).sqrt();
+    const DIELECTRIC: f64 = 0.04;
+    let brightness = |[r, g, b]: [f64; 3]| (0.299 * r * r + 0.587 * g * g + 0.114 * b * b).sqrt();
     let [r, g, b, alpha] = diffuse;
     let (dark, bright) = (brightness([r, g, b]), brightness(specular));
-    let rest = 1.0 - specular.into_iter().fold(0.0, f32::max);
+    let rest = 1.0 - specular.into_iter().fold(0.0, f64::max);
     let metallic = match bright < DIELECTRIC {
         true => 0.0,
         false => {
@@ -155,7 +184,7 @@ fn convert_specular(diffuse: [f32; 4], specular: [f32; 3]) -> ([f32; 4], f32) {
             ((root - b) / (2.0 * DIELECTRIC)).clamp(0.0, 1.0)
         }
     };
-    let blend = |diffuse: f32, specular: f32| {
+    let blend = |diffuse: f64, specular: f64| {
         let of_diffuse = diffuse * rest / (1.0 - DIELECTRIC) / (1.0 - metallic).max(1e-6);
         let of_specular = (specular - DIELECTRIC * (1.0 - metallic)) / metallic.max(1e-6);
         let share = metallic * metallic;
@@ -168,140 +197,161 @@ fn convert_specular(diffuse: [f32; 4], specular: [f32; 3]) -> ([f32; 4], f32) {
     )
 }
 
-fn read_factors(
-    source: &gltf::json::Material,
-    place: &str,
-    warnings: &mut Warnings,
-) -> Read<Material> {
-    let extensions = source.extensions.as_ref();
-    let strength = extensions
-        .and_then(|it| it.emissive_strength.as_ref())
-        .map_or(1.0, |it| it.emissive_strength.0);
-    let cutoff = source.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
-    let emissive_factor = source.emissive_factor.0.map(|it| it * strength);
+fn read_factors(source: &Source, place: &str, warnings: &mut Warnings) -> Material {
+    let strength = extensions(source).and_then(|it| it.emissive_strength.as_ref());
+    let strength = strength.and_then(|it| it.strength).unwrap_or(1.0);
+    let cutoff = source.alpha_cutoff.unwrap_or(0.5);
     let factors = factors(source);
-    let mut numbers = [factors.metallic, factors.roughness, cutoff].to_vec();
-    numbers.extend(factors.base_color);
-    numbers.extend(emissive_factor);
-    if !numbers.iter().all(|it| it.is_finite()) {
-        return Err(malformed(
-            place,
-            "factors within f32",
-            format!("{numbers:?}"),
-        ));
-    }
     let mut clamped = false;
-    let mut unit = |it: f32| {
-        clamped |= !(0.0..=1.0).contains(&it);
-        it.clamp(0.0, 1.0)
+    let mut within = |it: f64, most: f64| {
+        clamped |= !(0.0..=most).contains(&it);
+        it.clamp(0.0, most) as f32
+    };
+    let alpha_mode = match source.alpha_mode.as_deref() {
+        None | Some("OPAQUE") => AlphaMode::Opaque,
+        // A cutoff above 1 is allowed: nothing is seen.
+        Some("MASK") => AlphaMode::Mask(within(cutoff, MOST_FACTOR)),
+        Some("BLEND") => {
+            warnings.add("alphaMode BLEND approximated", 1, place);
+            AlphaMode::Blend
+        }
+        Some(other) => {
+            let what = format!("alphaMode {} read as OPAQUE", quoted(other));
+            warnings.add(what, 1, place);
+            AlphaMode::Opaque
+        }
     };
     let material = Material {
-        name: short_name(source.name.as_deref().unwrap_or_default()),
-        base_color_factor: factors.base_color.map(&mut unit),
-        alpha_mode: match source.alpha_mode {
-            Checked::Valid(JsonAlphaMode::Opaque) => AlphaMode::Opaque,
-            // A cutoff above 1 is allowed: nothing is seen.
-            Checked::Valid(JsonAlphaMode::Mask) => AlphaMode::Mask(cutoff.max(0.0)),
-            Checked::Valid(JsonAlphaMode::Blend) => AlphaMode::Blend,
-            Checked::Invalid => {
-                let place = format!("{place}.alphaMode");
-                return Err(malformed(place, "OPAQUE, MASK or BLEND", "another"));
-            }
-        },
+        name: short_name(source.name.0.as_deref().unwrap_or_default()),
+        base_color_factor: factors.base_color.map(|it| within(it, 1.0)),
+        alpha_mode,
         double_sided: source.double_sided,
-        unlit: extensions.is_some_and(|it| it.unlit.is_some()),
+        unlit: extensions(source).is_some_and(|it| it.unlit.is_some()),
         // Under a texture that is left out the factor alone would light the whole surface.
         emissive_factor: match source.emissive_texture {
             Some(_) => [0.0; 3],
-            None => emissive_factor.map(|it| it.max(0.0)),
+            None => source
+                .emissive_factor
+                .map(|it| within(it * strength, MOST_FACTOR)),
         },
-        metallic: unit(factors.metallic),
-        roughness: unit(factors.roughness),
+        metallic: within(factors.metallic, 1.0),
+        roughness: within(factors.roughness, 1.0),
         ..Material::default()
     };
-    warnings.add(
-        "materials with factors clamped to 0..1",
-        u64::from(clamped),
-        place,
-    );
-    Ok(material)
+    let what = "materials with factors clamped to what they may be";
+    warnings.add(what, u64::from(clamped), place);
+    material
 }
+
+/// Most of a factor that may exceed 1: far from the end of f32.
+const MOST_FACTOR: f64 = 1e30;
 
 fn read_texture(
     document: &Document,
-    info: &Info,
+    info: &TextureInfo,
     place: &str,
     material: &mut Material,
     images: &mut Images,
     warnings: &mut Warnings,
-) -> Read<()> {
+) {
     let root = document.root;
-    let index = info.index.value();
-    let Some(texture) = root.textures.get(index) else {
-        let place = format!("{place}.index");
-        return Err(out_of_range(&place, "textures", root.textures.len(), index));
+    let index = info.index.map(|index| index.value());
+    let texture = index.and_then(|index| root.textures.get(index));
+    let Some((texture, index)) = texture.and_then(Tolerant::read).zip(index) else {
+        let what = "textures left out that are not among the document's";
+        warnings.add(what, 1, place);
+        return;
     };
-    let transform = info
-        .extensions
-        .as_ref()
-        .and_then(|it| it.texture_transform.as_ref());
-    let place = format!("textures[{index}]");
-    // The crate's mark for a texture without a source: an extension holds it.
-    if texture.source.value() == u32::MAX as usize {
-        let others = texture.extensions.as_ref().map(|it| &it.others);
-        let mut names = others.into_iter().flat_map(|it| it.keys());
-        let what = match names.next() {
-            None => "textures without an image left out".to_owned(),
-            Some(name) => format!("textures that need {} left out", short(name)),
-        };
-        warnings.add(what, 1, &place);
-        return Ok(());
-    }
-    material.base_color_image = images.find(texture.source.value(), &place, warnings)?;
+    let texture_place = format!("textures[{index}]");
+    let Some(source) = texture.source else {
+        note_other_source(
+            texture.extensions.as_deref(),
+            images,
+            &texture_place,
+            warnings,
+        );
+        return;
+    };
+    material.base_color_image = images.find(source.value(), &texture_place, warnings);
     if material.base_color_image.is_none() {
-        return Ok(());
+        return;
     }
-    material.uv_transform = transform.map(|it| read_transform(it, &place)).transpose()?;
+    material.uv_transform = texture_transform(info).and_then(|it| {
+        let rows = rows(it);
+        let what = "texture transforms that are not finite left out";
+        warnings.add(what, u64::from(rows.is_none()), place);
+        rows
+    });
     let Some(sampler) = texture.sampler else {
-        return Ok(());
+        return;
     };
-    let Some(sampler) = root.samplers.get(sampler.value()) else {
-        let place = format!("{place}.sampler");
-        return Err(out_of_range(
-            &place,
-            "samplers",
-            root.samplers.len(),
-            sampler.value(),
-        ));
+    let sampler = root.samplers.get(sampler.value());
+    let Some(sampler) = sampler.and_then(Tolerant::read) else {
+        let what = "samplers left out that are not among the document's";
+        warnings.add(what, 1, &texture_place);
+        return;
     };
-    let wrap = |mode, name: &str| match mode {
-        Checked::Valid(WrappingMode::Repeat) => Ok(SamplerWrap::Repeat),
-        Checked::Valid(WrappingMode::ClampToEdge) => Ok(SamplerWrap::Clamp),
-        Checked::Valid(WrappingMode::MirroredRepeat) => Ok(SamplerWrap::Mirror),
-        Checked::Invalid => {
-            let place = format!("{place}.sampler.{name}");
-            Err(malformed(place, "10497, 33071 or 33648", "another number"))
+    let mut note = |name: &str, number: u64| {
+        let what = format!("{name} of samplers left out that glTF does not have");
+        warnings.add(what, 1, &format!("{texture_place}, {number}"));
+    };
+    let mut wrap = |mode: Option<Whole>, name: &str| match mode.map(|it| it.0) {
+        None | Some(10_497) => SamplerWrap::Repeat,
+        Some(33_071) => SamplerWrap::Clamp,
+        Some(33_648) => SamplerWrap::Mirror,
+        Some(other) => {
+            note(name, other);
+            SamplerWrap::Repeat
         }
     };
-    material.wrap_u = wrap(sampler.wrap_s, "wrapS")?;
-    material.wrap_v = wrap(sampler.wrap_t, "wrapT")?;
-    material.nearest = match sampler.mag_filter {
-        None | Some(Checked::Valid(MagFilter::Linear)) => false,
-        Some(Checked::Valid(MagFilter::Nearest)) => true,
-        Some(Checked::Invalid) => {
-            let place = format!("{place}.sampler.magFilter");
-            return Err(malformed(place, "9728 or 9729", "another number"));
+    material.wrap_u = wrap(sampler.wrap_s, "wrapS");
+    material.wrap_v = wrap(sampler.wrap_t, "wrapT");
+    material.nearest = match sampler.mag_filter.map(|it| it.0) {
+        None | Some(9_729) => false,
+        Some(9_728) => true,
+        Some(other) => {
+            note("magFilter", other);
+            false
         }
     };
-    Ok(())
+}
+
+/// Names the image of a texture that has one by an extension alone.
+fn note_other_source(
+    extensions: Option<&Extensions>,
+    images: &Images,
+    place: &str,
+    warnings: &mut Warnings,
+) {
+    let sources = extensions.map(|it| {
+        [
+            ("EXT_texture_avif", &it.avif),
+            ("EXT_texture_webp", &it.webp),
+            ("KHR_texture_basisu", &it.basisu),
+            ("MSFT_texture_dds", &it.dds),
+        ]
+    });
+    let mut sources = sources.into_iter().flatten();
+    let known = sources.find_map(|(name, source)| Some((name, source.as_ref()?.source?)));
+    let other = extensions.and_then(|it| it.others.first());
+    let what = match (known, other) {
+        (Some((name, source)), _) => {
+            let image = quoted(&images.name(source.value()));
+            format!("image {image} left out, which needs {name}")
+        }
+        (None, Some(other)) => format!("textures left out that need {}", short(other)),
+        (None, None) => "textures without an image left out".to_owned(),
+    };
+    warnings.add(what, 1, place);
 }
 
 /// Offset after rotation after scale. The rotation is counter-clockwise as seen, and `v` points down: the sign of the
 /// extension's prose and example. Its GLSL listing turns the other way (KhronosGroup/glTF issue 1563).
-fn read_transform(transform: &TextureTransform, place: &str) -> Read<[f32; 6]> {
-    let [scale_u, scale_v] = transform.scale.0.map(f64::from);
-    let [offset_u, offset_v] = transform.offset.0.map(f64::from);
-    let (sin, cos) = f64::from(transform.rotation.0).sin_cos();
+/// `None` where they are not finite.
+fn rows(transform: &TextureTransform) -> Option<[f32; 6]> {
+    let [scale_u, scale_v] = transform.scale.unwrap_or([1.0; 2]);
+    let [offset_u, offset_v] = transform.offset;
+    let (sin, cos) = transform.rotation.sin_cos();
     let rows = [
         cos * scale_u,
         sin * scale_v,
@@ -311,11 +361,5 @@ fn read_transform(transform: &TextureTransform, place: &str) -> Read<[f32; 6]> {
         offset_v,
     ]
     .map(|it| it as f32);
-    match rows.iter().all(|it| it.is_finite()) {
-        true => Ok(rows),
-        false => {
-            let place = format!("{place} under KHR_texture_transform");
-            Err(malformed(place, "finite numbers", format!("{rows:?}")))
-        }
-    }
+    rows.iter().all(|it| it.is_finite()).then_some(rows)
 }

@@ -8,7 +8,9 @@ use super::attributes::{Attributes, Present};
 use super::complete;
 use super::error::{Read, malformed};
 use super::materials;
+use super::nodes::Shape;
 use super::opened::{OpenedMesh, array_bytes};
+use super::pose::Pose;
 use super::primitive::{self, TrianglePrimitive, VertexSource};
 use super::primitive_pieces;
 use super::scene::{Mesh, short_name};
@@ -24,23 +26,32 @@ pub(super) struct BuiltMesh {
     pub(super) warnings: Warnings,
 }
 
-/// Builds `meshes[index]` of the document, or leaves it in its file where its arrays would take more than `most_bytes`.
-pub(super) fn build(document: &Document, index: usize, most_bytes: u64) -> Read<BuiltMesh> {
+/// Builds a mesh of the document, or leaves it in its file where its arrays would take more than
+/// `most_bytes`.
+pub(super) fn build(document: &Document, shape: &Shape, most_bytes: u64) -> Read<BuiltMesh> {
+    let index = shape.mesh;
+    let pose = shape.pose.as_deref();
     let source = &document.root.meshes[index];
     let place = format!("meshes[{index}]");
-    let name = source.name.as_deref().map(short_name);
+    let name = source.name.0.as_deref().map(short_name);
     let name = name.unwrap_or_else(|| format!("mesh_{index}"));
     let mut warnings = Warnings::default();
     let mut primitives = Vec::new();
     for (at, primitive) in source.primitives.iter().enumerate() {
         let place = format!("{place}.primitives[{at}]");
-        primitives.extend(primitive::check(document, primitive, place, &mut warnings)?);
+        primitives.extend(primitive::check(
+            document,
+            primitive,
+            pose,
+            place,
+            &mut warnings,
+        )?);
     }
     primitives.retain(|primitive| primitive.triangle_count > 0);
     note_missing_uvs(document, &primitives, &mut warnings);
     let mut built = match arrays_bytes(&primitives) > most_bytes {
-        true => stream(document, name, primitives, &place, &mut warnings)?,
-        false => load(document, name, primitives, &place, &mut warnings)?,
+        true => stream(document, name, primitives, pose, &place, &mut warnings)?,
+        false => load(document, name, primitives, pose, &place, &mut warnings)?,
     };
     if built.mesh.is_none() {
         warnings.add("meshes without triangles left out", 1, &place);
@@ -81,10 +92,10 @@ fn present(primitives: &[TrianglePrimitive], all_normals: bool) -> Present {
 
 /// What the arrays would take at most, going by the counts alone.
 fn arrays_bytes(primitives: &[TrianglePrimitive]) -> u64 {
-    let mut corners_of_source: HashMap<VertexSource, (u64, u64)> = HashMap::new();
+    let mut corners_of_source: HashMap<&VertexSource, (u64, u64)> = HashMap::new();
     let mut triangles = 0u64;
     for primitive in primitives {
-        let entry = corners_of_source.entry(primitive.source).or_default();
+        let entry = corners_of_source.entry(&primitive.source).or_default();
         entry.0 = primitive.vertex_count as u64;
         entry.1 = entry
             .1
@@ -102,6 +113,7 @@ fn stream(
     document: &Document,
     name: String,
     primitives: Vec<TrianglePrimitive>,
+    pose: Option<&Pose>,
     place: &str,
     warnings: &mut Warnings,
 ) -> Read<BuiltMesh> {
@@ -114,7 +126,7 @@ fn stream(
     for primitive in &primitives {
         source_triangles += primitive.meant_triangles()?;
     }
-    let mesh = primitive_pieces::open(document, name, primitives, present, place)?;
+    let mesh = primitive_pieces::open(document, name, primitives, present, pose, place)?;
     Ok(BuiltMesh {
         mesh: Some(OpenedMesh::Streamed(mesh)),
         source_triangles,
@@ -126,6 +138,7 @@ fn load(
     document: &Document,
     name: String,
     primitives: Vec<TrianglePrimitive>,
+    pose: Option<&Pose>,
     place: &str,
     warnings: &mut Warnings,
 ) -> Read<BuiltMesh> {
@@ -159,7 +172,7 @@ fn load(
         name,
         ..Mesh::default()
     };
-    merge_vertices(document, &mut parts, &mut mesh, place, warnings)?;
+    merge_vertices(document, &mut parts, pose, &mut mesh, place, warnings)?;
     let bare = merge_triangles(document, parts, &mut mesh, place)?;
     if triangles > 0 {
         let given = mesh.normals.take().unwrap_or_default();
@@ -191,6 +204,7 @@ struct Group {
 fn merge_vertices(
     document: &Document,
     parts: &mut [Part],
+    pose: Option<&Pose>,
     mesh: &mut Mesh,
     place: &str,
     warnings: &mut Warnings,
@@ -203,7 +217,7 @@ fn merge_vertices(
         colors: any(|source| source.color.is_some()),
     };
     for group in &groups {
-        let attributes = Attributes::open(document, &group.source, &group.place)?;
+        let attributes = Attributes::open(document, &group.source, pose, &group.place)?;
         attributes.read(&group.used, present, mesh, &group.place, warnings)?;
     }
     Ok(())
@@ -215,7 +229,7 @@ fn group(parts: &mut [Part], place: &str) -> Read<Vec<Group>> {
     let mut group_of_source = HashMap::new();
     for (at, part) in parts.iter().enumerate() {
         let group = *group_of_source
-            .entry(part.primitive.source)
+            .entry(part.primitive.source.clone())
             .or_insert(members.len());
         if group == members.len() {
             members.push(Vec::new());
@@ -226,7 +240,7 @@ fn group(parts: &mut [Part], place: &str) -> Read<Vec<Group>> {
     let mut base = 0usize;
     for members in members {
         let first = &parts[members[0]].primitive;
-        let (source, vertex_count) = (first.source, first.vertex_count);
+        let (source, vertex_count) = (first.source.clone(), first.vertex_count);
         let first_place = first.place.clone();
         let used = used_vertices(&members, parts);
         // Every later index is below this one.

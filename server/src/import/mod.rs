@@ -2,13 +2,17 @@
 //! their files.
 //!
 //! glTF 2.0 (`.glb`, `.gltf`), one file a stage:
-//! `container` (chunks) -> `json` (document) -> `features` (extensions) -> `buffers` (`uri`) ->
-//! `accessor` -> `primitive` -> `mesh` (`attributes`, `complete`, `normals`) -> `nodes`, `materials`, `images`.
+//! `container` (chunks) -> `json` (`document`) -> `features` (extensions) -> `buffers` (`uri`) ->
+//! `nodes` -> `accessor` -> `primitive` -> `mesh` (`attributes`, `pose`, `complete`, `normals`) ->
+//! `materials`, `images`.
 //!
-//! Mesh files: `obj` (with its `mtl`), `ply`, `stl`, each one mesh at the origin (`plain`).
+//! Mesh files: `obj` (with its `mtl`), `ply`, `stl`, each one mesh (`plain`): `polygons` cuts their
+//! faces, `origin` keeps the shape of what lies far from the origin.
 //!
-//! The `gltf` crate only types the JSON. It trusts every index and range in it, so each one is checked here,
-//! with its place in the document, before it is followed: no input can panic, loop or allocate beyond what its own
+//! `document` only types the JSON, in f64. The `gltf` crate gives the codes and judges exports in a
+//! test; its own document is f32 and refuses files for members without a reader. Each index and
+//! range is checked here, with its place in the document, before it is followed: no input can
+//! panic, loop or allocate beyond what its own
 //! bytes account for, or than [`OpenOptions::memory_limit_bytes`]: `allowance` keeps that account,
 //! `walk` counts the JSON and `sharing` the accessors. A fault is one error; what is left out is a
 //! line in [`ImportedScene::warnings`].
@@ -39,7 +43,9 @@ mod buffers;
 mod color;
 mod complete;
 mod container;
+mod decodable;
 mod decompress;
+mod document;
 mod error;
 mod features;
 mod file;
@@ -52,8 +58,11 @@ mod nodes;
 mod normals;
 mod obj;
 mod opened;
+mod origin;
 mod plain;
 mod ply;
+mod polygons;
+mod pose;
 mod primitive;
 mod primitive_pieces;
 mod rows;
@@ -61,6 +70,7 @@ mod scene;
 mod sharing;
 mod source;
 mod stl;
+mod text;
 mod uri;
 mod used;
 mod walk;
@@ -72,11 +82,11 @@ mod tests;
 
 use std::path::Path;
 
-use gltf::json::Root;
 use rayon::prelude::*;
 
 use allowance::Allowance;
 use buffers::Buffers;
+use document::Root;
 use error::Read;
 use file::{Extent, InputFile};
 use warnings::Warnings;
@@ -100,8 +110,8 @@ struct Document<'a> {
 /// Reads the file at `path`, with the buffers, images and material libraries that it names, all into memory.
 ///
 /// A glTF's scene is the file's default one, else its first, else all its root nodes; a file without nodes gives one
-/// instance for each of its meshes. An `.obj`, `.ply` or `.stl` gives one mesh at the origin. A file without triangles gives
-/// an empty scene.
+/// instance for each of its meshes. An `.obj`, `.ply` or `.stl` gives one mesh. A file without
+/// triangles gives an empty scene.
 ///
 /// # Errors
 /// One line that names the file, the place in it, what was expected and what was found. External files are read only from
@@ -159,7 +169,8 @@ impl Format {
         if head.starts_with(b"glTF") {
             return Ok(Self::Gltf);
         }
-        if ply::is_ply(&head) {
+        let head = text::without_mark(&head);
+        if ply::is_ply(head) {
             return Ok(Self::Ply);
         }
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
@@ -168,8 +179,8 @@ impl Format {
             Some("obj") => Self::Obj,
             Some("ply") => Self::Ply,
             Some("stl") => Self::Stl,
-            _ if stl::is_binary(file)? || stl::looks_like_text(&head) => Self::Stl,
-            _ if obj::looks_like_text(&head) => Self::Obj,
+            _ if stl::is_binary(file)? || stl::looks_like_text(head) => Self::Stl,
+            _ if obj::looks_like_text(head) => Self::Obj,
             // A JSON object, or something whose error names what it is not.
             _ => Self::Gltf,
         })
@@ -188,7 +199,8 @@ fn read_gltf(
     let root = json::parse(&container.json, allowance)?;
     features::check(&root, &mut warnings)?;
 
-    let buffers = Buffers::open(&root, container.bin.as_ref(), allowance)?;
+    let bin = container.bin.as_ref();
+    let buffers = Buffers::open(&root, bin, allowance, &mut warnings)?;
     let document = Document {
         root: &root,
         buffers: &buffers,
@@ -202,9 +214,9 @@ fn read_gltf(
         name: placed.scene_name.clone().unwrap_or_else(|| name.to_owned()),
         ..OpenedScene::default()
     };
-    let mut mesh_of_source = vec![None; root.meshes.len()];
+    let mut mesh_of_shape = vec![None; placed.shapes.len()];
     let mut default_material = false;
-    for (source, built) in built {
+    for (shape, built) in built.into_iter().enumerate() {
         warnings.merge(built.warnings);
         scene.source_triangles += built.source_triangles;
         let Some(mesh) = built.mesh else { continue };
@@ -212,7 +224,7 @@ fn read_gltf(
             .material_slots()
             .iter()
             .any(|&material| material as usize == root.materials.len());
-        mesh_of_source[source] = Some(scene.meshes.len() as u32);
+        mesh_of_shape[shape] = Some(scene.meshes.len() as u32);
         scene.meshes.push(mesh);
     }
     // Instances of meshes that hold no triangle go with their mesh, which the warnings name already.
@@ -220,17 +232,17 @@ fn read_gltf(
         .instances
         .into_iter()
         .filter_map(|instance| {
-            let mesh = mesh_of_source[instance.mesh as usize]?;
+            let mesh = mesh_of_shape[instance.mesh as usize]?;
             Some(Instance { mesh, ..instance })
         })
         .collect();
     (scene.materials, scene.images) =
-        materials::read(&document, allowance, default_material, &mut warnings)?;
+        materials::read(&document, allowance, default_material, &mut warnings);
     scene.warnings = warnings.into_lines();
     Ok(scene)
 }
 
-/// Builds every placed mesh, in the file's order whatever the thread count; the first fault in that
+/// Builds every shape, in their order whatever the thread count; the first fault in that
 /// order is the one told. Meshes that would not fit beside the others stay in their files, however
 /// small they are.
 fn build_meshes(
@@ -238,13 +250,13 @@ fn build_meshes(
     placed: &nodes::Placed,
     allowance: &Allowance,
     most_mesh_bytes: u64,
-) -> Read<Vec<(usize, mesh::BuiltMesh)>> {
+) -> Read<Vec<mesh::BuiltMesh>> {
     // Half for meshes that are loaded, half for the normals of those that are loaded at the time.
     let most = allowance.left_bytes() / 2;
     let (mut loaded, mut making, mut batch) = (0u64, 0u64, 0);
     let mut sources = Vec::new();
-    for source in (0..document.root.meshes.len()).filter(|&at| placed.mesh_used[at]) {
-        let need = sharing::Need::of(document, source);
+    for shape in &placed.shapes {
+        let need = sharing::Need::of(document, shape.mesh);
         let fits = need.making_bytes <= most && loaded.saturating_add(need.array_bytes) <= most;
         if fits {
             loaded += need.array_bytes;
@@ -253,16 +265,16 @@ fn build_meshes(
                 (making, batch) = (need.making_bytes, batch + 1);
             }
         }
-        sources.push((batch, source, if fits { most_mesh_bytes } else { 0 }));
+        sources.push((batch, shape, if fits { most_mesh_bytes } else { 0 }));
     }
     let mut built = Vec::with_capacity(sources.len());
     for beside in sources.chunk_by(|a, b| a.0 == b.0) {
         let some: Vec<Read<mesh::BuiltMesh>> = beside
             .par_iter()
-            .map(|&(_, source, most_bytes)| mesh::build(document, source, most_bytes))
+            .map(|&(_, shape, most_bytes)| mesh::build(document, shape, most_bytes))
             .collect();
-        for (&(_, source, _), one) in beside.iter().zip(some) {
-            built.push((source, one?));
+        for one in some {
+            built.push(one?);
         }
     }
     Ok(built)

@@ -1,12 +1,13 @@
-//! Plain scene: one mesh at the origin, which is all that `.obj`, `.ply` and `.stl` hold.
+//! Plain scene: one mesh, which is all that `.obj`, `.ply` and `.stl` hold, told from a point near
+//! it where it lies far from the origin.
 //!
-//! These formats name neither a unit nor an up axis: coordinates are taken as they stand, in metres and +Y up. A mesh has
-//! the surface that its program shows for want of another: white and rough, not glTF's metal.
-
-use glam::DAffine3;
+//! These formats name neither a unit nor an up axis: coordinates are taken as they stand, in metres
+//! and +Y up. A mesh has the surface that its program shows for want of another: white and rough,
+//! not glTF's metal. No side of a triangle is the outer one: both are drawn.
 
 use super::error::{Read, malformed};
 use super::opened::{OpenedMesh, OpenedScene};
+use super::origin::Origin;
 use super::scene::{Image, Instance, Material, Mesh};
 use super::warnings::Warnings;
 use super::{complete, normals};
@@ -15,6 +16,7 @@ use super::{complete, normals};
 pub(super) fn material() -> Material {
     Material {
         metallic: 0.0,
+        double_sided: true,
         ..Material::default()
     }
 }
@@ -22,13 +24,13 @@ pub(super) fn material() -> Material {
 /// The scene of `mesh`, of nothing where it is `None`. Its `material_slots` are indices into `materials`.
 pub(super) fn scene(
     name: &str,
-    mesh: Option<OpenedMesh>,
+    mesh: Option<(OpenedMesh, Origin)>,
     materials: Vec<Material>,
     images: Vec<Image>,
     source_triangles: u64,
     mut warnings: Warnings,
 ) -> OpenedScene {
-    let Some(mesh) = mesh else {
+    let Some((mesh, origin)) = mesh else {
         warnings.add("meshes without triangles left out", 1, "file");
         return OpenedScene {
             name: name.to_owned(),
@@ -42,7 +44,7 @@ pub(super) fn scene(
         meshes: vec![mesh],
         instances: vec![Instance {
             mesh: 0,
-            world_from_object: DAffine3::IDENTITY,
+            world_from_object: origin.placement(),
         }],
         materials,
         images,

@@ -1,27 +1,57 @@
 //! Primitive: one glTF primitive, its triangles by ranges over its vertex accessors.
 
 use std::ops::Range;
-
-use gltf::json::accessor::ComponentType;
-use gltf::json::mesh::{Mode, Primitive, Semantic};
-use gltf::json::validation::Checked;
+use std::sync::Arc;
 
 use super::Document;
-use super::accessor::{Accessor, Component};
-use super::buffers::out_of_range;
+use super::accessor::{self, Accessor, Component, ComponentType};
+use super::attributes::Shading;
+use super::buffers::{demand, out_of_range};
+use super::document::{self, Primitive, Tolerant, Whole};
 use super::error::{Read, malformed, short};
 use super::features;
 use super::materials;
+use super::pose::{Pose, PoseSource};
 use super::warnings::Warnings;
 
 /// The accessors that make up a primitive's vertices. Primitives with equal sources share their vertices.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct VertexSource {
     pub(super) position: usize,
     pub(super) normal: Option<usize>,
     /// The set `N` of `TEXCOORD_N`, the one that the material's base colour uses, and its accessor.
-    pub(super) uv: Option<(u32, usize)>,
+    pub(super) uv: Option<(usize, usize)>,
     pub(super) color: Option<usize>,
+    /// `None`: the vertices stay where they are.
+    pub(super) pose: Option<Arc<PoseSource>>,
+}
+
+/// The modes that make triangles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Mode {
+    Triangles,
+    TriangleStrip,
+    TriangleFan,
+}
+
+impl Mode {
+    /// The mode of `primitive`, or the name of one without triangles.
+    pub(super) fn of(primitive: &Primitive) -> Option<Result<Self, &'static str>> {
+        use gltf::json::mesh as code;
+        let Some(mode) = primitive.mode else {
+            return Some(Ok(Self::Triangles));
+        };
+        Some(match u32::try_from(mode.0).ok()? {
+            code::POINTS => Err("POINTS"),
+            code::LINES => Err("LINES"),
+            code::LINE_LOOP => Err("LINE_LOOP"),
+            code::LINE_STRIP => Err("LINE_STRIP"),
+            code::TRIANGLES => Ok(Self::Triangles),
+            code::TRIANGLE_STRIP => Ok(Self::TriangleStrip),
+            code::TRIANGLE_FAN => Ok(Self::TriangleFan),
+            _ => return None,
+        })
+    }
 }
 
 /// A primitive of triangles, checked; no element is read yet.
@@ -43,20 +73,26 @@ pub(super) struct TrianglePrimitive {
 pub(super) fn check(
     document: &Document,
     primitive: &Primitive,
+    pose: Option<&Pose>,
     place: String,
     warnings: &mut Warnings,
 ) -> Read<Option<TrianglePrimitive>> {
-    if let Some(mode) = features::mode_without_triangles(primitive.mode) {
-        warnings.add(format!("{mode} primitives left out"), 1, &place);
-        return Ok(None);
-    }
-    let Checked::Valid(mode) = primitive.mode else {
-        let place = format!("{place}.mode");
-        return Err(malformed(place, "a number in 0..=6", "another"));
+    let mode = match Mode::of(primitive) {
+        Some(Ok(mode)) => mode,
+        Some(Err(name)) => {
+            warnings.add(format!("{name} primitives left out"), 1, &place);
+            return Ok(None);
+        }
+        None => {
+            let found = primitive.mode.unwrap_or_default().0;
+            let place = format!("{place}.mode");
+            return Err(malformed(place, "a number in 0..=6", found));
+        }
     };
     features::check_primitive(document.root, primitive, &place, warnings)?;
-    let targets = primitive.targets.as_ref().map_or(0, Vec::len);
-    warnings.add("morph targets left out", targets as u64, &place);
+    let targets = primitive.targets.len() as u64;
+    let what = "morph targets left out but for their default weights";
+    warnings.add(what, targets, &place);
     let material = primitive.material.map(|material| material.value());
     let materials = document.root.materials.len();
     if let Some(material) = material.filter(|&material| material >= materials) {
@@ -64,7 +100,7 @@ pub(super) fn check(
         return Err(out_of_range(&place, "materials", materials, material));
     }
     let uv_set = material.map_or(0, |it| materials::uv_set(&document.root.materials[it]));
-    let source = read_source(document, primitive, uv_set, &place, warnings)?;
+    let source = read_source(document, primitive, uv_set, pose, &place, warnings)?;
     let Some((source, vertex_count)) = source else {
         warnings.add("primitives without POSITION left out", 1, &place);
         return Ok(None);
@@ -178,49 +214,65 @@ impl TrianglePrimitive {
     }
 }
 
-/// Checks every attribute's accessor and count; `None` without POSITION.
+/// Checks the accessor and count of every attribute that is read; `None` without POSITION. An
+/// attribute that only shades is left out, with a warning, where its accessor cannot be read.
 fn read_source(
     document: &Document,
     primitive: &Primitive,
-    uv_set: u32,
+    uv_set: usize,
+    pose: Option<&Pose>,
     place: &str,
     warnings: &mut Warnings,
 ) -> Read<Option<(VertexSource, usize)>> {
-    let find = |semantic| primitive.attributes.get(&Checked::Valid(semantic));
-    let Some(position) = find(Semantic::Positions) else {
+    let attributes = &primitive.attributes;
+    let Some(position) = attributes.find("POSITION") else {
         return Ok(None);
     };
-    let accessors = &document.root.accessors;
-    let count_of = |index: usize, place: &str| match accessors.get(index) {
-        Some(accessor) => Ok(accessor.count.0),
-        None => Err(out_of_range(place, "accessors", accessors.len(), index)),
-    };
-    let count = count_of(position.value(), &format!("{place}.attributes.POSITION"))?;
-    for (semantic, index) in &primitive.attributes {
-        let name = short(&semantic.to_string());
-        let attribute = format!("{place}.attributes.{name}");
-        let found = count_of(index.value(), &attribute)?;
-        if found != count {
+    let user = format!("{place}.attributes.POSITION");
+    let count = accessor::find(document, position, &user)?.count;
+    let Whole(count) = demand(count, &format!("{user}.count"))?;
+    let mut shading = Vec::new();
+    for (name, index) in &attributes.0 {
+        // JOINTS and WEIGHTS are checked where a skin reads them.
+        let elsewhere = name.starts_with("JOINTS_") || name.starts_with("WEIGHTS_");
+        if elsewhere || name == "POSITION" {
+            continue;
+        }
+        let kind = Shading::of(name, uv_set);
+        let name = short(name);
+        let Some(kind) = kind else {
+            warnings.add(format!("attributes {name} left out"), 1, place);
+            continue;
+        };
+        let index = index.value();
+        let attribute = format!("{place}.attributes.{name} (accessor {index})");
+        let accessor = document.root.accessors.get(index);
+        let accessor = accessor.and_then(Tolerant::read);
+        let found = accessor.and_then(|it| it.count);
+        if let Some(Whole(found)) = found.filter(|it| it.0 != count) {
             let expected = format!("{count} elements, as many as POSITION");
-            let attribute = format!("{attribute} (accessor {})", index.value());
             return Err(malformed(attribute, expected, found));
         }
-        let read = match semantic {
-            Checked::Valid(Semantic::TexCoords(set)) => *set == uv_set,
-            // JOINTS and WEIGHTS go with their skins, which have a line of their own.
-            Checked::Valid(
-                Semantic::Positions
-                | Semantic::Normals
-                | Semantic::Colors(0)
-                | Semantic::Joints(_)
-                | Semantic::Weights(_),
-            ) => true,
-            _ => false,
-        };
-        if !read {
-            warnings.add(format!("attributes {name} left out"), 1, place);
+        if let Err(fault) = kind.open(document, index, place) {
+            let what = format!("attribute {name} left out ({})", fault.reason());
+            warnings.add(what, 1, &attribute);
+            continue;
         }
+        shading.push((kind, index));
+        let is_integer = |it: &document::Accessor| it.component_type != Some(Whole(5126));
+        let must = match kind {
+            Shading::Normal => false,
+            Shading::Uv(_) => !document.quantized,
+            Shading::Color => true,
+        };
+        let forgotten = |it: &document::Accessor| must && is_integer(it) && !it.normalized;
+        let what = format!("integer {name} read as normalized, which its accessor does not say");
+        warnings.add(what, u64::from(accessor.is_some_and(forgotten)), &attribute);
     }
+    let index_of = |kind| {
+        let found = shading.iter().find(|(it, _)| *it == kind);
+        found.map(|&(_, index)| index)
+    };
     let vertex_count = match u32::try_from(count) {
         Ok(count) if count < u32::MAX => count as usize,
         _ => {
@@ -228,12 +280,12 @@ fn read_source(
             return Err(malformed(place, "fewer than 2^32 - 1 vertices", count));
         }
     };
-    let index_of = |semantic| find(semantic).map(|index| index.value());
     let source = VertexSource {
-        position: position.value(),
-        normal: index_of(Semantic::Normals),
-        uv: index_of(Semantic::TexCoords(uv_set)).map(|index| (uv_set, index)),
-        color: index_of(Semantic::Colors(0)),
+        position,
+        normal: index_of(Shading::Normal),
+        uv: index_of(Shading::Uv(uv_set)).map(|index| (uv_set, index)),
+        color: index_of(Shading::Color),
+        pose: pose.map(|pose| Arc::new(PoseSource::of(primitive, pose, place, warnings))),
     };
     Ok(Some((source, vertex_count)))
 }

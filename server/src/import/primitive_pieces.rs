@@ -7,6 +7,7 @@ use super::attributes::{Attributes, Present};
 use super::error::{Read, malformed};
 use super::mesh::Slots;
 use super::opened::{PIECE_TRIANGLES, Piece, Pieces, StreamedMesh};
+use super::pose::Pose;
 use super::primitive::TrianglePrimitive;
 use super::scene::Mesh;
 use super::used::Used;
@@ -37,6 +38,7 @@ pub(super) fn open(
     name: String,
     primitives: Vec<TrianglePrimitive>,
     present: Present,
+    pose: Option<&Pose>,
     place: &str,
 ) -> Read<StreamedMesh> {
     let mut slots = Slots::default();
@@ -51,9 +53,9 @@ pub(super) fn open(
         let material = primitive.material.unwrap_or(document.root.materials.len());
         let next_array = arrays.len() as u32;
         pieces.primitives.push(OpenPrimitive {
-            attributes: Attributes::open(document, &primitive.source, &primitive.place)?,
+            attributes: Attributes::open(document, &primitive.source, pose, &primitive.place)?,
             slot: slots.slot(material as u32, place)?,
-            array: *arrays.entry(primitive.source).or_insert(next_array),
+            array: *arrays.entry(primitive.source.clone()).or_insert(next_array),
             first_piece: pieces.piece_count,
             primitive,
         });

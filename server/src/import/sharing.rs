@@ -1,16 +1,16 @@
 //! Sharing: what the counts of accessors come to, told before any element is read. Each reference
 //! to an accessor copies it, so a small file may unfold to a huge one.
 
-use gltf::json::mesh::{Mode, Primitive, Semantic};
-use gltf::json::validation::Checked;
-
 use super::Document;
 use super::allowance::Allowance;
-use super::attributes::Present;
+use super::attributes::{Present, Shading};
+use super::document::{Primitive, Tolerant};
 use super::error::{Read, malformed};
 use super::nodes::Placed;
 use super::opened::array_bytes;
 use super::plain;
+use super::pose::{Pose, PoseSource};
+use super::primitive::Mode;
 
 /// Corners that accessors may give beyond their own bytes by being shared: each reference copies
 /// them.
@@ -23,11 +23,12 @@ pub(super) fn check(document: &Document, placed: &Placed, allowance: &Allowance)
     let bytes = document.buffers.total_bytes();
     let most = (bytes.saturating_mul(MOST_CORNERS_PER_BYTE)).max(CORNERS_ALWAYS);
     let (mut corners, mut sparse) = (0u64, 0u64);
-    let meshes = document.root.meshes.iter().enumerate();
-    for (at, mesh) in meshes.filter(|&(at, _)| placed.mesh_used[at]) {
-        for primitive in &mesh.primitives {
-            let of_primitive = Counts::of(document, primitive);
-            corners = corners.saturating_add(of_primitive.corners);
+    for shape in &placed.shapes {
+        let at = shape.mesh;
+        for primitive in &document.root.meshes[at].primitives {
+            let of_primitive = Counts::of(document, primitive, shape.pose.as_deref());
+            // One more: primitives without corners take time in each pose of their mesh.
+            corners = corners.saturating_add(of_primitive.corners.saturating_add(1));
             sparse = sparse.saturating_add(of_primitive.sparse);
         }
         if corners.saturating_add(sparse) > most {
@@ -45,6 +46,7 @@ const SPARSE_BYTES: u64 = 20;
 
 /// Counts that the accessors of a primitive claim.
 struct Counts {
+    /// Once for the primitive, once for each accessor that deforms it.
     corners: u64,
     vertices: u64,
     /// Sparse elements of all of them.
@@ -52,19 +54,20 @@ struct Counts {
 }
 
 impl Counts {
-    fn of(document: &Document, primitive: &Primitive) -> Self {
-        let accessor = |index: usize| document.root.accessors.get(index);
-        let count = |index: usize| accessor(index).map_or(0, |it| it.count.0);
-        let sparse = |index: usize| {
-            let sparse = accessor(index).and_then(|it| it.sparse.as_ref());
-            sparse.map_or(0, |it| it.count.0)
-        };
-        let attributes = || primitive.attributes.values().map(|index| index.value());
+    fn of(document: &Document, primitive: &Primitive, pose: Option<&Pose>) -> Self {
+        let accessors = &document.root.accessors;
+        let accessor = |index: usize| accessors.get(index).and_then(Tolerant::read);
+        let count = |index: usize| accessor(index).map_or(0, |it| it.claimed_count());
+        let sparse = |index: usize| accessor(index).map_or(0, |it| it.claimed_sparse_count());
+        let attributes = primitive.attributes.0.values().map(|index| index.value());
         let indices = primitive.indices.map(|index| index.value());
-        let vertices = attributes().next().map_or(0, count);
-        let named = attributes().chain(indices);
+        let vertices = primitive.attributes.find("POSITION").map_or(0, count);
+        let deforming = pose.map(|pose| PoseSource::accessors(primitive, pose));
+        let deforming = deforming.unwrap_or_default();
+        let times = 1 + deforming.len() as u64;
+        let named = attributes.chain(indices).chain(deforming);
         Self {
-            corners: indices.map_or(vertices, count),
+            corners: indices.map_or(vertices, count).saturating_mul(times),
             vertices,
             sparse: named.map(sparse).fold(0, u64::saturating_add),
         }
@@ -90,13 +93,13 @@ impl Need {
         };
         let mut all = Self::default();
         for primitive in &document.root.meshes[index].primitives {
-            let counts = Counts::of(document, primitive);
-            let is_list = primitive.mode == Checked::Valid(Mode::Triangles);
+            let counts = Counts::of(document, primitive, None);
+            let is_list = Mode::of(primitive) == Some(Ok(Mode::Triangles));
             let triangles = counts.corners / if is_list { 3 } else { 1 };
             let vertices = counts.vertices.min(counts.corners);
-            let has_normals = primitive
-                .attributes
-                .contains_key(&Checked::Valid(Semantic::Normals));
+            let normals = primitive.attributes.find("NORMAL");
+            let has_normals =
+                normals.is_some_and(|it| Shading::Normal.open(document, it, "").is_ok());
             let making = match has_normals {
                 // Those of no length are made anew.
                 true => plain::completing_bytes(vertices, 0),

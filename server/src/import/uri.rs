@@ -1,5 +1,6 @@
 //! URIs: inline data, or a file in the model's folder. Nothing else is followed.
 
+use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
 use super::error::{Fault, Read, cannot_read, malformed, quoted};
@@ -15,11 +16,17 @@ pub(super) enum Target {
     Data(Vec<u8>),
     /// An existing file below the model's folder, links resolved.
     File(PathBuf),
+    /// The same, found by another name than the specification's reading.
+    Misspelt(PathBuf),
 }
 
 /// Follows `uri`, which stands at `place` in the document.
 ///
-/// Refuses schemes other than `data:`, absolute paths, `..`, and links that lead out of `folder`.
+/// A name that is not there as the specification reads it is looked for as careless exporters write
+/// it: with `%` and blanks as they are, with backslashes between folders, with a query behind it,
+/// and below folders of another machine ([`ends`]).
+///
+/// Refuses schemes other than `data:` and `file:`, and files outside `folder`, links among them.
 pub(super) fn resolve(uri: &str, folder: &Path, place: &str) -> Read<Target> {
     if let Some(rest) = strip_prefix_ignoring_case(uri, DATA) {
         return decode_data(rest, place).map(Target::Data);
@@ -27,17 +34,74 @@ pub(super) fn resolve(uri: &str, folder: &Path, place: &str) -> Read<Target> {
     if uri.len() > MOST_NAME_BYTES {
         return Err(too_long(uri, place));
     }
-    if let Some(scheme) = scheme(uri) {
-        let found = format!("the scheme {scheme}:");
-        return Err(malformed(place, "a data: URI or a file name", found));
-    }
-    let name = percent_decode(uri.as_bytes())
+    let find = |name: &str| match name.chars().any(char::is_control) {
+        true => Err(malformed(place, "a file name", "a control character")),
+        false => file_below(name, folder, place),
+    };
+    let decoded = percent_decode(uri.as_bytes())
         .and_then(|bytes| String::from_utf8(bytes).ok())
-        .ok_or_else(|| malformed(place, "percent-encoded UTF-8", quoted(uri)))?;
-    if name.chars().any(char::is_control) {
-        return Err(malformed(place, "a file name", "a control character"));
+        .ok_or_else(|| malformed(place, "percent-encoded UTF-8", quoted(uri)));
+    let fault = match scheme(uri) {
+        Some(scheme) => {
+            let found = format!("the scheme {scheme}:");
+            malformed(place, "a data: URI or a file name", found)
+        }
+        None => match decoded.as_deref().map_err(Fault::clone).and_then(find) {
+            Ok(path) => return Ok(Target::File(path)),
+            Err(fault) => fault,
+        },
+    };
+    // A drive's letter is no scheme, and files of another machine may lie here.
+    let is_file = |scheme: &str| scheme.len() == 1 || scheme.eq_ignore_ascii_case("file");
+    if !scheme(uri).is_none_or(is_file) {
+        return Err(fault);
     }
-    file_below(&name, folder, place).map(Target::File)
+    let spellings = [decoded.as_deref().ok(), Some(uri)];
+    let slashed = spellings.map(|name| name.map(|it| it.replace('\\', "/")));
+    let found = spellings
+        .into_iter()
+        .chain(slashed.each_ref().map(Option::as_deref));
+    let mut found = found.flatten().filter_map(|name| find(name).ok());
+    let found = found.next().or_else(|| {
+        let names = slashed.iter().flatten().map(String::as_str);
+        // A query may hold slashes of its own.
+        let bare = names
+            .clone()
+            .filter_map(|name| Some(name.split_once(['?', '#'])?.0));
+        bare.chain(names).find_map(|name| {
+            let inside = without_steps(name);
+            let mut ends = inside.as_deref().into_iter().chain(ends(name));
+            ends.find_map(|end| find(end).ok())
+        })
+    });
+    found.map(Target::Misspelt).ok_or(fault)
+}
+
+/// A path that begins with folders of another machine, by its ends: the longest first, without the
+/// folders before them.
+pub(super) fn ends(name: &str) -> impl Iterator<Item = &str> {
+    /// Folders before the file's name that are looked into.
+    const MOST_FOLDERS: usize = 8;
+    let slashes: Vec<usize> = name.match_indices(['/', ':']).map(|it| it.0).collect();
+    let first = slashes.len().saturating_sub(MOST_FOLDERS);
+    let last = slashes.into_iter().skip(first);
+    last.map(|slash| &name[slash + 1..])
+}
+
+/// A relative path without `.` and `..`; `None` for one that is absolute or leads out.
+fn without_steps(name: &str) -> Option<String> {
+    let mut folders = Vec::new();
+    for component in Path::new(name).components() {
+        match component {
+            Component::Normal(folder) => folders.push(folder.to_str()?),
+            Component::CurDir => {}
+            Component::ParentDir => {
+                folders.pop()?;
+            }
+            Component::RootDir | Component::Prefix(_) => return None,
+        }
+    }
+    Some(folders.join("/"))
 }
 
 fn too_long(name: &str, place: &str) -> Fault {
@@ -99,18 +163,31 @@ fn strip_prefix_ignoring_case<'a>(text: &'a str, prefix: &str) -> Option<&'a str
         .then(|| &text[prefix.len()..])
 }
 
-/// `[media type][;base64],payload`
+/// `[media type][;base64],payload`, as forgiving as browsers are: base64 may be percent-encoded and
+/// broken into lines, and may use the alphabet of file names.
 fn decode_data(rest: &str, place: &str) -> Read<Vec<u8>> {
     let Some((header, payload)) = rest.split_once(',') else {
         return Err(malformed(place, "a comma in the data: URI", "none"));
     };
-    let last = header.rsplit(';').next().unwrap_or_default();
-    if header.contains(';') && last.eq_ignore_ascii_case("base64") {
-        return decode_base64(payload.as_bytes())
-            .ok_or_else(|| malformed(place, "base64 in the data: URI", "other characters"));
+    let unescaped = |text| {
+        percent_decode(text)
+            .ok_or_else(|| malformed(place, "percent-encoding in the data: URI", "a broken one"))
+    };
+    let header = unescaped(header.as_bytes())?;
+    let mut parts = header.rsplit(|&byte| byte == b';');
+    let last = parts.next().unwrap_or_default().trim_ascii();
+    if parts.next().is_none() || !last.eq_ignore_ascii_case(b"base64") {
+        return unescaped(payload.as_bytes());
     }
-    percent_decode(payload.as_bytes())
-        .ok_or_else(|| malformed(place, "percent-encoding in the data: URI", "a broken one"))
+    let mut text = Cow::Borrowed(payload.as_bytes());
+    if text.contains(&b'%') {
+        text = unescaped(&text)?.into();
+    }
+    if text.iter().any(u8::is_ascii_whitespace) {
+        text.to_mut().retain(|byte| !byte.is_ascii_whitespace());
+    }
+    decode_base64(&text)
+        .ok_or_else(|| malformed(place, "base64 in the data: URI", "other characters"))
 }
 
 /// RFC 3986: `%20` is a blank and `+` stays a plus. `None` at a `%` without two hexadecimal digits.
@@ -133,15 +210,16 @@ fn percent_decode(text: &[u8]) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// RFC 4648 section 4; the padding may be absent, stray bits and other characters may not be there.
+/// RFC 4648 sections 4 and 5; the padding may be absent, stray bits and other characters may not be
+/// there.
 fn decode_base64(text: &[u8]) -> Option<Vec<u8>> {
     let digit = |byte: u8| -> Option<u32> {
         Some(u32::from(match byte {
             b'A'..=b'Z' => byte - b'A',
             b'a'..=b'z' => byte - b'a' + 26,
             b'0'..=b'9' => byte - b'0' + 52,
-            b'+' => 62,
-            b'/' => 63,
+            b'+' | b'-' => 62,
+            b'/' | b'_' => 63,
             _ => return None,
         }))
     };
@@ -207,9 +285,89 @@ mod tests {
 
     #[test]
     fn data_uris_may_be_percent_encoded() {
-        let decode = |uri| resolve(uri, Path::new("."), "uri").unwrap();
+        let decode = |uri: &str| resolve(uri, Path::new("."), "uri").unwrap();
         assert_eq!(decode("data:,a%20b+"), Target::Data(b"a b+".to_vec()));
         assert_eq!(decode("DATA:x/y;base64,AAE="), Target::Data(vec![0, 1]));
+        for uri in [
+            "data:x/y;base64,+/8B/g==",
+            "data:x/y;base64,%2B%2f8B%2Fg%3D%3D",
+            "data:x/y;base64,%2B/8B%0A%2Fg%3d=",
+            "data:x/y;base64,+/8\r\nB\t/g\u{c}= =\n",
+            "data: x/y ; BASE64 , +/8B/g==",
+            "data:; base64,-_8B_g",
+            "data:x/y;charset=x;base64,-/8B_g==",
+            "data:x/y%3Bbase64,+/8B/g==",
+        ] {
+            assert_eq!(
+                decode(uri),
+                Target::Data(vec![0xfb, 0xff, 1, 0xfe]),
+                "{uri:?}"
+            );
+        }
+        // Without the word it is text, whatever it looks like.
+        for header in ["", "base64", "x/y;base64;a=b"] {
+            let uri = format!("data:{header},AA E=");
+            assert_eq!(decode(&uri), Target::Data(b"AA E=".to_vec()), "{header}");
+        }
+        for uri in [
+            "data:;base64,@@@@",
+            "data:;base64,AA%3",
+            "data:;base64",
+            "data:,%2",
+        ] {
+            assert!(resolve(uri, Path::new("."), "uri").is_err(), "{uri}");
+        }
+    }
+
+    #[test]
+    fn careless_names_are_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().canonicalize().unwrap();
+        std::fs::create_dir(folder.join("sub dir")).unwrap();
+        for name in [
+            "sub dir/a b.png",
+            "100%.png",
+            "a%20b.png",
+            "%41.png",
+            "A.png",
+        ] {
+            std::fs::write(folder.join(name), "x").unwrap();
+        }
+        let follow = |uri: &str| resolve(uri, &folder, "images[0].uri").unwrap();
+        for (uri, name) in [
+            ("sub dir/a b.png", "sub dir/a b.png"),
+            ("sub%20dir/a%20b.png", "sub dir/a b.png"),
+            ("100%25.png", "100%.png"),
+            // The specification's reading comes first.
+            ("%41.png", "A.png"),
+        ] {
+            assert_eq!(follow(uri), Target::File(folder.join(name)), "{uri}");
+        }
+        for (uri, name) in [
+            ("sub dir\\a b.png", "sub dir/a b.png"),
+            ("sub%20dir\\a%20b.png", "sub dir/a b.png"),
+            ("sub%20dir%5Ca%20b.png", "sub dir/a b.png"),
+            (".\\100%.png", "100%.png"),
+            ("C:\\work\\A.png", "A.png"),
+            ("C:/work/sub%20dir/a%20b.png", "sub dir/a b.png"),
+            ("d:A.png", "A.png"),
+            ("/home/me/sub dir/a b.png", "sub dir/a b.png"),
+            ("file:///C:/work/A.png", "A.png"),
+            ("FILE://host/sub%20dir/a%20b.png", "sub dir/a b.png"),
+            ("\\\\host\\share\\A.png", "A.png"),
+            ("//host/share/A.png", "A.png"),
+            ("a/../A.png", "A.png"),
+            ("sub%20dir/x/../a%20b.png", "sub dir/a b.png"),
+            ("../A.png", "A.png"),
+            ("..\\textures\\A.png", "A.png"),
+            ("A.png?v=1", "A.png"),
+            ("A.png#layer", "A.png"),
+            ("/x/A.png?from=/y/100%25.png", "A.png"),
+            ("100%.png", "100%.png"),
+            ("a%20b.png", "a%20b.png"),
+        ] {
+            assert_eq!(follow(uri), Target::Misspelt(folder.join(name)), "{uri}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 /// The vertices that some triangles use.
 pub(super) struct Used {
-    /// Numbers in the source, each once.
+    /// Numbers in the source, each once where nothing but the source parts vertices.
     pub(super) ascending: Vec<u32>,
     /// For each of them its new number; `None` where they keep their order.
     slots: Option<Vec<u32>>,
@@ -14,6 +14,18 @@ impl Used {
         Self {
             ascending,
             slots: None,
+        }
+    }
+
+    /// Of a list of vertices, in which the same may stand more than once: each place is a new
+    /// number.
+    pub(super) fn of_vertices(vertices: &[u32]) -> Self {
+        let mut places: Vec<u32> = (0..vertices.len() as u32).collect();
+        places.sort_by_key(|&place| vertices[place as usize]);
+        let vertex = |&place: &u32| vertices[place as usize];
+        Self {
+            ascending: places.iter().map(vertex).collect(),
+            slots: Some(places),
         }
     }
 

@@ -1,13 +1,13 @@
 //! Walk: a pass over JSON before the typed document is made of it. It allocates nothing but keys,
-//! and refuses indices beyond `u32` and a document that would take too much memory.
+//! and refuses a document that would take too much memory.
 
 use std::cell::Cell;
 use std::fmt;
 use std::mem::size_of;
 
-use gltf::json;
 use serde::de::{DeserializeSeed, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 
+use super::document;
 use super::scene::{Instance, Material};
 
 /// Memory that a document may take for each byte of its text. Real ones come to 40 at most: a
@@ -56,8 +56,6 @@ pub(super) fn walk(text: &str, meter: &Meter) -> serde_json::Result<()> {
     let root = Walk {
         meter,
         kind: Kind::Typed,
-        index: false,
-        named_indices: false,
         item: Item::OTHER,
     };
     root.deserialize(&mut reader)?;
@@ -67,35 +65,35 @@ pub(super) fn walk(text: &str, meter: &Meter) -> serde_json::Result<()> {
 /// How the values below are held.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// As a struct of the crate.
+    /// As a struct of the document.
     Typed,
+    /// As a struct that keeps the names of members that it does not know: `extensions`.
+    Extensions,
     /// As names and indices: an ordered map.
     Attributes,
-    /// As a tree of values, read by way of another: `extensions`, `min` and `max`.
-    Tree,
-    /// As text: `extras`.
-    Text,
+    /// Not at all: `extras`.
+    Nothing,
 }
 
 #[derive(Clone, Copy)]
 struct Walk<'a> {
     meter: &'a Meter,
     kind: Kind,
-    /// The number here is an index or an enumeration.
-    index: bool,
-    /// All keys below are names of things with indices (`attributes`, `targets`).
-    named_indices: bool,
     /// An object or array in an array here.
     item: Item,
 }
 
-/// An index, or a short string.
+/// An index, a number, or a short string.
 const SCALAR_BYTES: usize = 24;
 /// The first entry of a map allocates a node of eleven; a node is half full at least.
 const ATTRIBUTES_BYTES: u64 = 512;
 const ATTRIBUTE_BYTES: u64 = 96;
-const TREE_MAP_BYTES: u64 = 1024;
-const TREE_ENTRY_BYTES: u64 = 320;
+/// With what it boxes.
+const EXTENSIONS_BYTES: u64 = (size_of::<document::Extensions>()
+    + size_of::<document::Meshopt>()
+    + size_of::<document::SpecularGlossiness>()
+    + size_of::<document::TextureTransform>()) as u64;
+const EXTENSION_BYTES: u64 = 2 * SCALAR_BYTES as u64;
 
 /// Memory of an object in a list.
 #[derive(Clone, Copy)]
@@ -116,8 +114,6 @@ impl Item {
 
     const SCALAR: Self = Self::new(SCALAR_BYTES, 0);
     const OTHER: Self = Self::new(64, 0);
-    /// A value of a tree and of the one that it is read by.
-    const TREE: Self = Self::new(64, 0);
 
     /// Of the list `key`.
     fn of(key: &str) -> Self {
@@ -125,87 +121,54 @@ impl Item {
         const MESH: usize = 1536;
         /// A checked primitive with its accessors.
         const PRIMITIVE: usize = 768;
+        /// A morph target with its accessors.
+        const TARGET: usize = 256;
         /// A place on the stack of the walk over the nodes, and marks.
-        const NODE: usize = 2 * size_of::<Instance>() + 32;
-        const SAMPLERS: [usize; 2] = [
-            size_of::<json::texture::Sampler>(),
-            size_of::<json::animation::Sampler>(),
-        ];
+        const NODE: usize = 2 * size_of::<Instance>() + 96;
+        /// Notes of a skin until the meshes are built.
+        const SKIN: usize = 256;
+        /// The reason why an object cannot be read.
+        const REASON: usize = 128;
+        use document as d;
         match key {
-            "accessors" => Self::new(size_of::<json::Accessor>(), 0),
-            "animations" => Self::new(size_of::<json::Animation>(), 0),
-            "buffers" => Self::new(size_of::<json::Buffer>(), 128),
-            "bufferViews" => Self::new(size_of::<json::buffer::View>(), 0),
-            "cameras" => Self::new(size_of::<json::Camera>(), 0),
-            "channels" => Self::new(size_of::<json::animation::Channel>(), 0),
-            "images" => Self::new(size_of::<json::Image>(), 256),
-            "materials" => Self::new(size_of::<json::Material>(), 2 * size_of::<Material>()),
-            "meshes" => Self::new(size_of::<json::Mesh>(), MESH),
-            "nodes" => Self::new(size_of::<json::Node>(), NODE),
-            "primitives" => Self::new(size_of::<json::mesh::Primitive>(), PRIMITIVE),
-            "samplers" => Self::new(SAMPLERS[0].max(SAMPLERS[1]), 0),
-            "scenes" => Self::new(size_of::<json::Scene>(), 0),
-            "skins" => Self::new(size_of::<json::Skin>(), 0),
-            "targets" => Self::new(size_of::<json::mesh::MorphTarget>(), 0),
-            "textures" => Self::new(size_of::<json::Texture>(), 0),
+            "accessors" => Self::new(
+                size_of::<d::Tolerant<d::Accessor>>(),
+                size_of::<d::Sparse>() + REASON,
+            ),
+            "buffers" => Self::new(size_of::<d::Buffer>(), 768),
+            "bufferViews" => Self::new(size_of::<d::BufferView>(), 0),
+            "images" => Self::new(size_of::<d::Tolerant<d::Image>>(), 256 + REASON),
+            "materials" => Self::new(
+                size_of::<d::Tolerant<d::Material>>(),
+                2 * size_of::<Material>() + REASON,
+            ),
+            "meshes" => Self::new(size_of::<d::Mesh>(), MESH),
+            "nodes" => Self::new(size_of::<d::Tolerant<d::Node>>(), NODE + REASON),
+            "primitives" => Self::new(size_of::<d::Primitive>(), PRIMITIVE),
+            "samplers" => Self::new(size_of::<d::Tolerant<d::Sampler>>(), REASON),
+            "scenes" => Self::new(size_of::<d::Scene>(), 0),
+            "skins" => Self::new(size_of::<d::Skin>(), SKIN),
+            "targets" => Self::new(size_of::<d::Attributes>(), TARGET),
+            "textures" => Self::new(size_of::<d::Tolerant<d::Texture>>(), REASON),
             _ => Self::OTHER,
         }
     }
 }
 
-const INDEX_KEYS: &[&str] = &[
-    "buffer",
-    "bufferView",
-    "camera",
-    "children",
-    "componentType",
-    "index",
-    "indices",
-    "input",
-    "inverseBindMatrices",
-    "joints",
-    "magFilter",
-    "material",
-    "mesh",
-    "minFilter",
-    "mode",
-    "node",
-    "nodes",
-    "output",
-    "sampler",
-    "scene",
-    "skeleton",
-    "skin",
-    "source",
-    "target",
-    "texCoord",
-    "wrapS",
-    "wrapT",
-];
+/// Lists and objects that nobody reads.
+const IGNORED: &[&str] = &["animations", "cameras", "extras", "max", "min"];
 
 impl Walk<'_> {
     fn below(self, key: &str) -> Self {
         let kind = match (self.kind, key) {
-            (Kind::Typed | Kind::Attributes, "extras") => Kind::Text,
-            (Kind::Typed | Kind::Attributes, "extensions" | "min" | "max") => Kind::Tree,
-            (Kind::Typed, "attributes") => Kind::Attributes,
-            (Kind::Attributes, _) => Kind::Typed,
-            (kind, _) => kind,
+            (Kind::Nothing, _) => Kind::Nothing,
+            (Kind::Typed, key) if IGNORED.contains(&key) => Kind::Nothing,
+            (Kind::Typed, "extensions") => Kind::Extensions,
+            (Kind::Typed, "attributes" | "targets") => Kind::Attributes,
+            _ => Kind::Typed,
         };
-        if matches!(kind, Kind::Tree | Kind::Text) {
-            return Self {
-                kind,
-                index: false,
-                named_indices: false,
-                item: Item::TREE,
-                ..self
-            };
-        }
-        let named_indices = self.named_indices || matches!(key, "attributes" | "targets");
         Self {
             kind,
-            index: named_indices || INDEX_KEYS.contains(&key),
-            named_indices,
             item: Item::of(key),
             ..self
         }
@@ -214,9 +177,9 @@ impl Walk<'_> {
     /// Counts an entry of a map, its first or another.
     fn add_entry<E: Error>(self, first: bool, key_bytes: usize) -> Result<(), E> {
         let (map, entry) = match self.kind {
-            Kind::Typed | Kind::Text => return Ok(()),
+            Kind::Typed | Kind::Nothing => return Ok(()),
             Kind::Attributes => (ATTRIBUTES_BYTES, ATTRIBUTE_BYTES),
-            Kind::Tree => (TREE_MAP_BYTES, TREE_ENTRY_BYTES),
+            Kind::Extensions => (EXTENSION_BYTES, EXTENSION_BYTES),
         };
         let key_bytes = key_bytes as u64;
         self.meter.add(key_bytes + if first { map } else { entry })
@@ -247,12 +210,7 @@ impl<'de> Visitor<'de> for Walk<'_> {
         Ok(false)
     }
 
-    fn visit_u64<E: Error>(self, value: u64) -> Result<bool, E> {
-        // u32::MAX itself stands for "none" inside the crate.
-        if self.index && value >= u64::from(u32::MAX) {
-            let message = format!("{value}, expected an index below {}", u32::MAX);
-            return Err(E::custom(message));
-        }
+    fn visit_u64<E>(self, _: u64) -> Result<bool, E> {
         Ok(false)
     }
 
@@ -260,10 +218,7 @@ impl<'de> Visitor<'de> for Walk<'_> {
         Ok(false)
     }
 
-    fn visit_str<E: Error>(self, text: &str) -> Result<bool, E> {
-        if self.kind == Kind::Tree {
-            self.meter.add(text.len() as u64)?;
-        }
+    fn visit_str<E>(self, _: &str) -> Result<bool, E> {
         Ok(false)
     }
 
@@ -276,13 +231,12 @@ impl<'de> Visitor<'de> for Walk<'_> {
         let (mut count, mut capacity) = (0u64, 0u64);
         while let Some(is_object) = values.next_element_seed(self)? {
             count += 1;
-            if self.kind == Kind::Text {
+            if self.kind == Kind::Nothing {
                 continue;
             }
-            let item = match (self.kind, is_object) {
-                (Kind::Tree, _) => Item::TREE,
-                (_, true) => self.item,
-                (_, false) => Item::SCALAR,
+            let item = match is_object {
+                true => self.item,
+                false => Item::SCALAR,
             };
             self.meter.add(item.own_bytes)?;
             // A vector doubles when it is full, and does not go back.
@@ -296,6 +250,9 @@ impl<'de> Visitor<'de> for Walk<'_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut values: A) -> Result<bool, A::Error> {
+        if self.kind == Kind::Extensions {
+            self.meter.add(EXTENSIONS_BYTES)?;
+        }
         let mut first = true;
         while let Some(key) = values.next_key::<String>()? {
             if key.len() > u16::MAX as usize {

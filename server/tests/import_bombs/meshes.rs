@@ -147,6 +147,78 @@ fn nodes_with_two_parents_are_refused() {
     );
 }
 
+/// One mesh in as many poses as the file has skins or weights.
+#[test]
+fn meshes_in_many_poses_stay_within_the_limit() {
+    let count = 30_000;
+    let mut bin = vertices(count);
+    let weights = bin.len();
+    bin.extend(
+        (0..count)
+            .flat_map(|_| [1.0f32, 0.0, 0.0, 0.0])
+            .flat_map(f32::to_le_bytes),
+    );
+    let joints = bin.len();
+    bin.extend(vec![0; 4 * count]);
+    let views = format!(
+        r#""bufferViews":[{{"buffer":0,"byteLength":{weights}}},
+        {{"buffer":0,"byteOffset":{weights},"byteLength":{}}},
+        {{"buffer":0,"byteOffset":{joints},"byteLength":{}}}]"#,
+        joints - weights,
+        bin.len() - joints,
+    );
+    let accessors = format!(
+        r#""accessors":[{{"bufferView":0,"componentType":5126,"count":{count},"type":"VEC3"}},
+        {{"bufferView":1,"componentType":5126,"count":{count},"type":"VEC4"}},
+        {{"bufferView":2,"componentType":5121,"count":{count},"type":"VEC4"}}]"#
+    );
+    let attributes = r#""POSITION":0,"WEIGHTS_0":1,"JOINTS_0":2"#;
+    let primitive = format!(r#"{{"attributes":{{{attributes}}},"targets":[{{"POSITION":0}}]}}"#);
+    let mesh = format!(r#"{{"primitives":[{primitive}]}}"#);
+    let skin = r#"{"joints":[0,1]}"#;
+    for poses in [3, 300, 3000] {
+        let by_skin = list(poses, r#"{"mesh":0,"skin":#}"#);
+        let by_weight = list(poses, r#"{"mesh":0,"weights":[#.5]}"#);
+        for nodes in [by_skin, by_weight] {
+            let nodes = format!(r#"{{}},{{"translation":[1,2,3]}},{nodes}"#);
+            let parts = format!(
+                r#"{accessors},{views},"meshes":[{mesh}],"nodes":[{nodes}],"skins":[{}]"#,
+                list(poses, skin)
+            );
+            let outcome = import_within("poses", "glb", &document(&parts, &bin));
+            match poses {
+                3 => assert!(outcome.scene.is_ok(), "{}", outcome.error()),
+                3000 => assert!(
+                    outcome.error().contains("corners at most"),
+                    "{}",
+                    outcome.error()
+                ),
+                _ => {}
+            }
+        }
+    }
+    // Empty primitives and joints take memory, too.
+    let empty = r#""accessors":[{"componentType":5126,"count":0,"type":"VEC3"}]"#;
+    let primitives = list(
+        10_000,
+        r#"{"attributes":{"POSITION":0,"WEIGHTS_0":0,"JOINTS_0":0}}"#,
+    );
+    let nodes = list(10_000, r#"{"mesh":0,"skin":#}"#);
+    let parts = format!(
+        r#"{empty},"meshes":[{{"primitives":[{primitives}]}}],"nodes":[{{}},{{"scale":[2,2,2]}},{nodes}],
+        "skins":[{}]"#,
+        list(10_000, skin)
+    );
+    import_within("empty poses", "glb", &document(&parts, &[]));
+    let joints = list(1 << 20, "0");
+    let parts = format!(
+        r#""accessors":[{{"componentType":5126,"count":3,"type":"VEC3"}}],"meshes":[{{"primitives":
+        [{{"attributes":{{"POSITION":0,"WEIGHTS_0":0,"JOINTS_0":0}}}}]}}],"nodes":[{{"mesh":0,"skin":0}}],
+        "skins":[{{"joints":[{joints}]}}]"#
+    );
+    import_within("joints", "glb", &document(&parts, &[]));
+}
+
 /// Zeros compress to nearly nothing, and views may name one range of them.
 #[test]
 fn compressed_views_stay_within_the_limit() {

@@ -8,7 +8,7 @@ use crate::import::allowance::Allowance;
 use crate::import::error::{Read, cannot_read, malformed};
 use crate::import::file::Extent;
 use crate::import::warnings::Warnings;
-use crate::import::{attributes, plain};
+use crate::import::{attributes, plain, text};
 
 /// The longest line, continuations included: a polygon of a million corners.
 const LINE_BYTES: u64 = 1 << 25;
@@ -22,7 +22,8 @@ impl Parser {
         allowance: &Allowance,
         warnings: &mut Warnings,
     ) -> Read<()> {
-        let mut reader = file.reader(0);
+        const MARK_BYTES: u64 = 3;
+        let mut reader = file.reader(text::mark_bytes(&file.head(MARK_BYTES)?));
         let mut line = Vec::new();
         let mut next_look = 0;
         loop {
@@ -37,18 +38,26 @@ impl Parser {
                     let expected = format!("a line below {LINE_BYTES} bytes");
                     return Err(malformed(self.place(), expected, "a longer one"));
                 }
-                let text = line.trim_ascii_end();
-                if line.len() == least || !text.ends_with(b"\\") {
+                let trimmed = line.trim_ascii_end();
+                // A comment goes on to the end of its line, whatever it ends by.
+                let is_comment = || {
+                    let read = &line[least..];
+                    text::before_comment(read).len() < read.len()
+                };
+                if line.len() == least || !trimmed.ends_with(b"\\") || is_comment() {
                     break;
                 }
-                let length = text.len() - 1;
+                let length = trimmed.len() - 1;
                 line.truncate(length);
                 line.push(b' ');
             }
             if line.is_empty() {
                 break;
             }
-            self.statement(line.trim_ascii(), allowance, warnings)?;
+            // Old programs of the Macintosh end lines by a carriage return alone.
+            for statement in line.split(|&byte| byte == b'\r') {
+                self.statement(statement.trim_ascii(), allowance, warnings)?;
+            }
             if self.line >= next_look || line.len() > LONG_LINE_BYTES {
                 next_look = self.line + plain::BETWEEN_LOOKS as u64;
                 allowance.fits(self.held_bytes(), self.place())?;
@@ -72,10 +81,22 @@ impl Parser {
             + plain::table_bytes(self.vertex_of_corner.capacity())
             + bytes(&self.triangles)
             + bytes(&self.triangle_materials)
-            + bytes(&self.bare)
+            + bytes(&self.polygons)
+            + bytes(&self.not_finite)
             + bytes(&self.polygon)
             + self.name_bytes
             + plain::completing_bytes(self.vertices.len() as u64, self.triangles.len() as u64)
+    }
+
+    /// Demands room for as many positions again before their list doubles.
+    pub(super) fn look_before_growth(&self, allowance: &Allowance) -> Read<()> {
+        let count = self.positions.len();
+        if count < self.positions.capacity() {
+            return Ok(());
+        }
+        let colors = self.colors.capacity() * size_of::<[f32; 4]>();
+        let growth = count * size_of::<[f64; 3]>() + colors;
+        allowance.fits(self.held_bytes() + growth as u64, self.place())
     }
 
     /// Demands room for a long face before it is read.

@@ -1,12 +1,15 @@
-//! The face element: polygons, cut into fans.
+//! The face element: polygons as fans, with the texture coordinates of their corners.
 
 use super::header::{Element, Encoding, Kind, Scalar};
 use super::values::Values;
-use crate::import::error::{Fault, Read, malformed};
+use crate::import::error::{Fault, Read, malformed, short};
+use crate::import::polygons;
 use crate::import::warnings::Warnings;
 
 /// Most corners of a face: a piece that begins inside one reads it from its start.
 const MOST_CORNERS: u64 = 1 << 22;
+/// The same of a face with texture coordinates, which are held until all of it is read.
+const MOST_CORNERS_WITH_UVS: u64 = polygons::MOST_CORNERS as u64;
 
 /// How a face stands in the body.
 #[derive(Clone)]
@@ -14,11 +17,31 @@ pub(super) struct FaceLayout {
     element: Element,
     /// The property of `element` that lists the corners.
     corners: usize,
+    /// The one that lists a pair of texture coordinates for each corner.
+    uvs: Option<usize>,
+    /// The one that numbers the texture.
+    texture: Option<usize>,
     /// Count and item of a face that is nothing but its corners.
     bare: Option<(Scalar, Scalar)>,
     encoding: Encoding,
     pub(super) count: u64,
     vertex_count: u64,
+}
+
+/// A face beside its corners.
+#[derive(Default)]
+pub(super) struct FaceRow {
+    /// A pair for each corner, bottom-up; none where the face has not as many.
+    pub(super) uvs: Vec<[f64; 2]>,
+    /// Number of its texture; 0 where faces have none.
+    pub(super) texture: f64,
+    /// Its corners.
+    pub(super) corners: u64,
+}
+
+/// The property that lists vertices.
+pub(super) fn is_corners(name: &str) -> bool {
+    matches!(name, "vertex_indices" | "vertex_index" | "vertex_indexes")
 }
 
 impl FaceLayout {
@@ -29,13 +52,9 @@ impl FaceLayout {
         encoding: Encoding,
         warnings: &mut Warnings,
     ) -> Read<Option<Self>> {
-        let is_corners =
-            |name: &str| matches!(name, "vertex_indices" | "vertex_index" | "vertex_indexes");
-        let corners = element
-            .properties
-            .iter()
-            .position(|it| is_corners(&it.name));
-        let Some(corners) = corners else {
+        let properties = &element.properties;
+        let find = |is: fn(&str) -> bool| properties.iter().position(|it| is(&it.name));
+        let Some(corners) = find(is_corners) else {
             warnings.add(
                 "faces without vertex_indices left out",
                 element.count,
@@ -43,7 +62,7 @@ impl FaceLayout {
             );
             return Ok(None);
         };
-        let Kind::List { count, item } = element.properties[corners].kind else {
+        let Kind::List { count, item } = properties[corners].kind else {
             let place = "element face, property vertex_indices";
             return Err(malformed(place, "a list", "a number"));
         };
@@ -51,53 +70,79 @@ impl FaceLayout {
             let place = "element face, property vertex_indices";
             return Err(malformed(place, "integers", "floats"));
         }
-        for (_, property) in element
-            .properties
-            .iter()
-            .enumerate()
-            .filter(|(at, _)| *at != corners)
-        {
-            let what = format!("face properties {} left out", property.name);
-            warnings.add(what, 1, "element face");
+        let is_list = |at: &usize| matches!(properties[*at].kind, Kind::List { .. });
+        let uvs = find(|name| matches!(name, "texcoord" | "texcoords")).filter(is_list);
+        let texture = find(|name| name == "texnumber").filter(|at| !is_list(at));
+        let read = [Some(corners), uvs, texture];
+        for (at, property) in properties.iter().enumerate() {
+            if !read.contains(&Some(at)) {
+                let what = format!("face properties {} left out", short(&property.name));
+                warnings.add(what, 1, "element face");
+            }
         }
         Ok(Some(Self {
             element: element.clone(),
             corners,
-            bare: (element.properties.len() == 1).then_some((count, item)),
+            uvs,
+            texture,
+            bare: (properties.len() == 1).then_some((count, item)),
             encoding,
             count: element.count,
             vertex_count,
         }))
     }
 
-    /// Reads face number `face` and gives its triangles to `emit`; says whether it has any.
+    pub(super) fn has_uvs(&self) -> bool {
+        self.uvs.is_some()
+    }
+
+    /// Whether faces name a texture of several.
+    pub(super) fn has_textures(&self) -> bool {
+        self.texture.is_some()
+    }
+
+    /// Reads face number `face`: gives its triangles to `emit`, each with the number of the face's
+    /// corners, and all else in `row`.
     pub(super) fn read(
         &self,
         values: &mut Values,
         face: u64,
-        emit: &mut impl FnMut([u32; 3]),
-    ) -> Read<bool> {
+        row: &mut FaceRow,
+        emit: &mut impl FnMut(u64, [u32; 3]),
+    ) -> Read<()> {
         if let (Some((Scalar::U8, item @ (Scalar::I32 | Scalar::U32))), Encoding::LittleEndian) =
             (self.bare, self.encoding)
         {
-            return self.read_bare(values, face, item, emit);
+            return self.read_bare(values, face, item, row, emit);
         }
-        let mut any = false;
+        row.uvs.clear();
         for (at, property) in self.element.properties.iter().enumerate() {
             match property.kind {
+                Kind::Scalar(scalar) if self.texture == Some(at) => {
+                    row.texture = values.scalar(scalar)?;
+                }
                 Kind::Scalar(scalar) => values.skip(scalar, 1)?,
                 Kind::List { count, item } => {
                     let length = values.count(count)?;
                     if at == self.corners {
-                        any = length >= 3;
+                        row.corners = length;
                         self.read_fan(values, face, length, item, emit)?;
+                    } else if self.uvs == Some(at) && length <= 2 * MOST_CORNERS_WITH_UVS {
+                        for _ in 0..length / 2 {
+                            let uv = [values.scalar(item)?, values.scalar(item)?];
+                            row.uvs.push(uv);
+                        }
+                        values.skip(item, length % 2)?;
                     } else {
                         values.skip(item, length)?;
                     }
                 }
             }
         }
-        Ok(any)
+        if row.uvs.len() as u64 != row.corners {
+            row.uvs.clear();
+        }
+        Ok(())
     }
 
     /// The layout that nearly all large files have, several times as fast.
@@ -106,12 +151,13 @@ impl FaceLayout {
         values: &mut Values,
         face: u64,
         item: Scalar,
-        emit: &mut impl FnMut([u32; 3]),
-    ) -> Read<bool> {
+        row: &mut FaceRow,
+        emit: &mut impl FnMut(u64, [u32; 3]),
+    ) -> Read<()> {
         let length = values.take(1)?[0];
+        row.corners = length.into();
         if length != 3 {
-            self.read_fan(values, face, u64::from(length), item, emit)?;
-            return Ok(length >= 3);
+            return self.read_fan(values, face, row.corners, item, emit);
         }
         let bytes = values.take(12)?;
         let word = |at: usize| {
@@ -131,8 +177,8 @@ impl FaceLayout {
             };
             return Err(self.out_of_range(face, wrong));
         }
-        emit(triangle);
-        Ok(true)
+        emit(3, triangle);
+        Ok(())
     }
 
     fn read_fan(
@@ -141,12 +187,16 @@ impl FaceLayout {
         face: u64,
         length: u64,
         item: Scalar,
-        emit: &mut impl FnMut([u32; 3]),
+        emit: &mut impl FnMut(u64, [u32; 3]),
     ) -> Read<()> {
+        let most = match self.uvs {
+            Some(_) => MOST_CORNERS_WITH_UVS,
+            None => MOST_CORNERS,
+        };
         let (mut first, mut last) = (0, 0);
         for corner in 0..length {
-            if corner == MOST_CORNERS {
-                let expected = format!("{MOST_CORNERS} corners at most");
+            if corner == most {
+                let expected = format!("{most} corners at most");
                 return Err(malformed(format!("face {face}"), expected, length));
             }
             let index = values.scalar(item)?;
@@ -157,7 +207,7 @@ impl FaceLayout {
             match corner {
                 0 => first = index,
                 1 => {}
-                _ => emit([first, last, index]),
+                _ => emit(length, [first, last, index]),
             }
             last = index;
         }

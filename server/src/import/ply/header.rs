@@ -2,6 +2,7 @@
 
 use crate::import::error::{Read, malformed};
 use crate::import::file::Extent;
+use crate::import::text;
 
 /// Longer headers are refused; real ones take a few hundred bytes.
 const MOST_BYTES: u64 = 1 << 20;
@@ -144,17 +145,23 @@ impl Element {
 /// Parses the header at the start of `file`.
 pub(super) fn parse(file: &Extent) -> Read<Header> {
     let head = file.head(MOST_BYTES)?;
+    let mark = text::mark_bytes(&head);
+    let head = text::without_mark(&head);
     let mut header = Header {
         encoding: Encoding::Text,
         elements: Vec::new(),
         textures: Vec::new(),
         body_offset: 0,
     };
+    // Old programs of the Macintosh end lines by a carriage return alone. The body may begin with
+    // any byte, so that one line says how all end.
+    let is_old = head.starts_with(b"ply\r") && !head.starts_with(b"ply\r\n");
+    let end = if is_old { b'\r' } else { b'\n' };
     let mut format_seen = false;
     let mut at = 0;
     for number in 1u32.. {
         let place = format!("header line {number}");
-        let Some(length) = head[at..].iter().position(|&byte| byte == b'\n') else {
+        let Some(length) = head[at..].iter().position(|&byte| byte == end) else {
             return Err(malformed(
                 place,
                 "end_header",
@@ -225,7 +232,7 @@ pub(super) fn parse(file: &Extent) -> Read<Header> {
     if !format_seen {
         return Err(malformed("header", "a format line", "none"));
     }
-    header.body_offset = at as u64;
+    header.body_offset = mark + at as u64;
     Ok(header)
 }
 

@@ -3,6 +3,7 @@
 use super::header::{Encoding, Scalar};
 use crate::import::error::{Fault, Read, malformed, quoted_bytes};
 use crate::import::file::Extent;
+use crate::import::text;
 
 const BUFFER_BYTES: usize = 1 << 18;
 /// The longest number that is read as text.
@@ -112,10 +113,7 @@ impl Values {
         let rest = &self.buffer[self.next..self.buffer.len().min(self.next + WORD_BYTES)];
         let length = rest.iter().position(u8::is_ascii_whitespace);
         let word = &rest[..length.unwrap_or(rest.len())];
-        let number = std::str::from_utf8(word)
-            .ok()
-            .and_then(|it| it.parse().ok());
-        let Some(number) = number else {
+        let Some(number) = text::number(word) else {
             let found = quoted_bytes(word);
             return Err(malformed(self.place(), "a number", found));
         };

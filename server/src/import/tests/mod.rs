@@ -4,20 +4,25 @@
 #![allow(clippy::unwrap_used)]
 
 mod extensions;
+mod habits;
+mod looks;
+mod nodes;
 mod normals;
+mod poses;
 mod ranges;
 mod robust;
 mod scene;
 
 use std::path::Path;
 
+use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::OpenOptions;
 use super::allowance::Allowance;
 use super::error::Fault;
 use super::file::Extent;
-use super::scene::ImportedScene;
+use super::scene::{ImportedScene, Instance};
 
 const FLOAT: u32 = 5126;
 
@@ -97,6 +102,12 @@ impl File {
         glb
     }
 
+    fn matrices(&mut self, matrices: &[glam::DMat4]) -> usize {
+        let numbers = matrices.iter().flat_map(|it| it.to_cols_array());
+        let bytes: Vec<u8> = numbers.flat_map(|it| (it as f32).to_le_bytes()).collect();
+        self.accessor(&bytes, FLOAT, "MAT4", matrices.len())
+    }
+
     fn read(&self) -> Result<ImportedScene, Fault> {
         read(&self.glb())
     }
@@ -127,11 +138,32 @@ fn quad() -> File {
 
 /// Reads a file in memory.
 fn read(bytes: &[u8]) -> Result<ImportedScene, Fault> {
+    read_with(bytes, &OpenOptions::default())
+}
+
+fn read_with(bytes: &[u8], options: &OpenOptions) -> Result<ImportedScene, Fault> {
     let file = Extent::memory(bytes.to_vec());
-    let options = OpenOptions::default();
-    let allowance = Allowance::new(Path::new("."), &options);
-    let scene = super::read_gltf(&file, &allowance, "test", &options)?;
+    let allowance = Allowance::new(Path::new("."), options);
+    let scene = super::read_gltf(&file, &allowance, "test", options)?;
     scene.into_imported().map_err(|error| error.fault)
+}
+
+/// The line that has `what` in it.
+fn find<'a>(warnings: &'a [String], what: &str) -> &'a str {
+    let line = warnings.iter().find(|it| it.contains(what));
+    line.unwrap_or_else(|| panic!("{what}: {warnings:?}"))
+}
+
+/// Corners of all triangles in the world, by instance.
+fn corners(scene: &ImportedScene) -> Vec<Vec<DVec3>> {
+    let of_instance = |instance: &Instance| {
+        let mesh = &scene.meshes[instance.mesh as usize];
+        let vertices = mesh.triangles.iter().flatten();
+        let positions = vertices.map(|&at| mesh.positions[at as usize].map(f64::from));
+        let world = |it: [f64; 3]| instance.world_from_object.transform_point3(it.into());
+        positions.map(world).collect()
+    };
+    scene.instances.iter().map(of_instance).collect()
 }
 
 /// A picture of 3 by 2 pixels.

@@ -31,7 +31,8 @@ fn ranges_of_lists_strips_and_fans_make_up_the_whole() {
             let glb = Extent::memory(file.glb());
             let container = container::split(&glb, &allowance, &mut warnings).unwrap();
             let root = document_json::parse(&container.json, &allowance).unwrap();
-            let buffers = Buffers::open(&root, container.bin.as_ref(), &allowance).unwrap();
+            let bin = container.bin.as_ref();
+            let buffers = Buffers::open(&root, bin, &allowance, &mut warnings).unwrap();
             let document = Document {
                 root: &root,
                 buffers: &buffers,
@@ -39,7 +40,7 @@ fn ranges_of_lists_strips_and_fans_make_up_the_whole() {
             };
             let source = &root.meshes[0].primitives[0];
             let place = "here".to_owned();
-            let primitive = primitive::check(&document, source, place, &mut warnings);
+            let primitive = primitive::check(&document, source, None, place, &mut warnings);
             let primitive = primitive.unwrap().unwrap();
             let count = primitive.triangle_count;
             let mut read = |range| primitive.triangles(range, &mut warnings).unwrap();

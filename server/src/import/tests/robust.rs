@@ -25,7 +25,7 @@ fn faults_name_their_place() {
         (
             "/accessors/0/count",
             json!(2.5),
-            "(accessors[0].count): expected u64, found invalid type: floating point",
+            "POSITION (accessors[0]): expected an accessor, found invalid value: floating point `2.5`, expected a whole number",
         ),
         (
             "/accessors/0/count",
