@@ -6,11 +6,20 @@ mod support;
 
 use std::path::Path;
 
+use glam::{DAffine3, DQuat, DVec3};
+use lodestream_server::import::{ImportedScene, import};
+use serde_json::json;
 use support::binary::{fails, ingested, json, ok, text};
 use support::gltf::{self, DRAWN_TRIANGLES, SPHERE_TRIANGLES, TORUS_TRIANGLES};
 
-/// Triangles of a `.ply` of [`lodestream_server::export`]: corners and area in the world.
-fn ply(path: &Path) -> (usize, f64) {
+/// A `.ply` of [`lodestream_server::export`].
+struct Ply {
+    is_double: bool,
+    /// Corners in the world.
+    triangles: Vec<[DVec3; 3]>,
+}
+
+fn read_ply(path: &Path) -> Ply {
     let bytes = std::fs::read(path).unwrap();
     let end = b"end_header\n";
     let header = bytes
@@ -27,18 +36,34 @@ fn ply(path: &Path) -> (usize, f64) {
         line.trim().parse().unwrap()
     };
     let (vertices, faces) = (count("element vertex"), count("element face"));
-    let (points, triangles) = bytes[header..].split_at(12 * vertices);
+    let is_double = text.contains("property double x");
+    let point_bytes = if is_double { 24 } else { 12 };
+    let (points, triangles) = bytes[header..].split_at(point_bytes * vertices);
     assert_eq!(triangles.len(), 13 * faces);
     let point = |index: u32| {
-        let bytes = &points[12 * index as usize..][..12];
-        glam::Vec3::from(bytemuck::pod_read_unaligned::<[f32; 3]>(bytes)).as_dvec3()
+        let bytes = &points[point_bytes * index as usize..][..point_bytes];
+        match is_double {
+            true => DVec3::from(bytemuck::pod_read_unaligned::<[f64; 3]>(bytes)),
+            false => glam::Vec3::from(bytemuck::pod_read_unaligned::<[f32; 3]>(bytes)).as_dvec3(),
+        }
     };
-    let area = triangles.chunks_exact(13).map(|triangle| {
+    let corners = triangles.chunks_exact(13).map(|triangle| {
         assert_eq!(triangle[0], 3);
-        let [a, b, c] = bytemuck::pod_read_unaligned::<[u32; 3]>(&triangle[1..]).map(point);
-        (b - a).cross(c - a).length() / 2.0
+        bytemuck::pod_read_unaligned::<[u32; 3]>(&triangle[1..]).map(point)
     });
-    (faces, area.sum())
+    Ply {
+        is_double,
+        triangles: corners.collect(),
+    }
+}
+
+/// Triangles of a `.ply`, and their area in the world.
+fn ply(path: &Path) -> (usize, f64) {
+    let triangles = read_ply(path).triangles;
+    let area = triangles
+        .iter()
+        .map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0);
+    (triangles.len(), area.sum())
 }
 
 /// Flat beside rough, over many pages: a rough part is refined whose page also holds flat groups, and what those inherit from lies in
@@ -182,7 +207,11 @@ fn an_exported_glb_ingests_to_the_same_scene() {
         "--source",
         "-q",
     ]);
+    // An independent reader takes it too, with all its checks.
+    let judged = ::gltf::Gltf::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    assert!(judged.blob.is_some());
     let scene = lodestream_server::import::import(&file).unwrap();
+    assert_eq!(judged.meshes().len(), scene.meshes.len());
     let original = lodestream_server::import::import(&folder.path().join("model.glb")).unwrap();
     assert_eq!(scene.warnings, Vec::<String>::new());
     assert_eq!(
@@ -247,4 +276,101 @@ fn a_real_model_goes_in_and_out_whole() {
         "-q",
     ]);
     assert_eq!(ply(&file).0, 5856, "the triangles of the file");
+}
+
+/// Corners of all triangles in the world, sorted.
+fn corners(scene: &ImportedScene) -> Vec<[f64; 3]> {
+    let mut corners = Vec::new();
+    for instance in &scene.instances {
+        let mesh = &scene.meshes[instance.mesh as usize];
+        for &vertex in mesh.triangles.iter().flatten() {
+            let position = mesh.positions[vertex as usize].map(f64::from);
+            let world = instance.world_from_object.transform_point3(position.into());
+            corners.push(world.to_array());
+        }
+    }
+    corners.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    corners
+}
+
+/// UTM and ECEF, plain and turned: what is exported stands where the source does.
+#[test]
+fn placements_far_from_the_origin_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let [model, library, glb, ply] =
+        ["far.gltf", "library", "far.glb", "far.ply"].map(|it| folder.path().join(it));
+    // A tile of 0.75 m, whose corners lie on any grid that is finer.
+    let tile: [f32; 12] = [
+        0.0, 0.0, 0.0, 0.75, 0.0, 0.0, 0.75, 0.5, 0.0, 0.0, 0.5, 0.25,
+    ];
+    let order: [u16; 6] = [0, 1, 2, 0, 2, 3];
+    let numbers = tile.iter().flat_map(|it| it.to_le_bytes());
+    let bytes = numbers.chain(order.iter().flat_map(|it| it.to_le_bytes()));
+    let uri: String = bytes.map(|byte| format!("%{byte:02x}")).collect();
+    let turn = DQuat::from_rotation_y(0.3).to_array();
+    let mut nodes = vec![];
+    for [x, y, z] in [
+        [456_789.123, 120.5, -5_428_123.456],
+        [4_194_500.123, 4_780_123.5, -171_234.25],
+    ] {
+        for at in 0..5 {
+            nodes.push(json!({"mesh": 0, "translation": [x + 0.3 * f64::from(at), y, z]}));
+        }
+        let scale = [2.0, 0.1, 1.0];
+        nodes.push(
+            json!({"mesh": 0, "translation": [x, y, z + 9.0], "rotation": turn, "scale": scale}),
+        );
+    }
+    let document = json!({
+        "asset": {"version": "2.0"}, "nodes": nodes,
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 4},
+            {"bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 6},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 12},
+        ],
+        "buffers": [{"byteLength": 60, "uri": format!("data:,{uri}")}],
+    });
+    std::fs::write(&model, document.to_string()).unwrap();
+    let place = ["--library", text(&library), "--scene", "far", "-q"];
+    ok(&[&["ingest", text(&model)][..], &place].concat());
+    for out in [&glb, &ply] {
+        ok(&[
+            "export",
+            "far",
+            "--library",
+            text(&library),
+            "--source",
+            "--out",
+            text(out),
+            "-q",
+        ]);
+    }
+    let (source, again) = (import(&model).unwrap(), import(&glb).unwrap());
+    let placements = |scene: &ImportedScene| -> Vec<DAffine3> {
+        let instances = scene.instances.iter();
+        instances.map(|it| it.world_from_object).collect()
+    };
+    assert_eq!(placements(&source), placements(&again));
+    let expected = corners(&source);
+    assert_eq!(expected.len(), 12 * 6);
+    assert_eq!(corners(&again), expected);
+
+    let written = read_ply(&ply);
+    assert!(written.is_double);
+    let mut found: Vec<[f64; 3]> = written
+        .triangles
+        .iter()
+        .flatten()
+        .map(DVec3::to_array)
+        .collect();
+    found.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    for (found, expected) in found.iter().zip(&expected) {
+        // Roundings of f64 at 5,428,123.
+        let distance = DVec3::from(*found).distance(DVec3::from(*expected));
+        assert!(distance < 1e-8, "{found:?} {expected:?}");
+    }
+    assert_eq!(found.len(), expected.len());
 }

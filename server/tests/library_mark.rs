@@ -210,3 +210,22 @@ fn a_library_that_cannot_be_opened_says_why() {
     }
     assert!(Library::open_or_create(file).is_err());
 }
+
+/// A writer sees the files of another one that was quicker, and its mark.
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn writers_at_once_make_one_library() {
+    for _ in 0..40 {
+        let folder = tempfile::tempdir().unwrap();
+        let location = folder.path().join("library").display().to_string();
+        let writers = (0..8u64).map(|writer| {
+            let location = location.clone();
+            tokio::spawn(async move {
+                let library = Library::open_or_make(&location).await.unwrap();
+                made::asset(&library, writer, 1, 100).await;
+            })
+        });
+        for writer in writers.collect::<Vec<_>>() {
+            writer.await.unwrap();
+        }
+    }
+}

@@ -57,6 +57,14 @@ pub(super) fn scene_assets(
 }
 
 impl SceneAssetCut {
+    /// World-space error of the finest clusters: the source was rounded to the position grid.
+    pub(super) fn rounding_in_world(&self) -> f64 {
+        match self.instances {
+            0 => 0.0,
+            _ => self.asset.position_grid.rounding() * self.world_scale,
+        }
+    }
+
     fn parent_error_in_world(&self, group: &Group) -> f64 {
         match group.is_root() {
             true => f64::INFINITY,

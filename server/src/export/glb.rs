@@ -4,6 +4,8 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use bytes::Bytes;
+use glam::DVec3;
+use gltf::json::accessor::{FLOAT, UNSIGNED_BYTE, UNSIGNED_INT};
 use lodestream_format::Scene;
 use lodestream_format::scene::{Instance, MediaType};
 use serde_json::{Value, json};
@@ -14,9 +16,6 @@ use super::material::Materials;
 use super::mesh::PlainMesh;
 use crate::library::{Library, LibraryError};
 
-const FLOAT: u32 = 5126;
-const UNSIGNED_BYTE: u32 = 5121;
-const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
@@ -63,7 +62,9 @@ pub(super) fn write(
             json!({ "bufferView": document.view(bytes, None), "mimeType": media_type })
         })
         .collect();
-    let nodes: Vec<Value> = scene.instances.iter().map(node).collect();
+    let origins: Vec<DVec3> = meshes.iter().map(|mesh| mesh.origin().into()).collect();
+    let placed = |instance: &Instance| node(instance, origins[instance.asset as usize]);
+    let nodes: Vec<Value> = scene.instances.iter().map(placed).collect();
     let materials = Materials::of(scene);
     let mut root = json!({
         "asset": { "version": "2.0", "generator": "lodestream-server export" },
@@ -143,8 +144,12 @@ fn write_chunks(
     })
 }
 
-fn node(instance: &Instance) -> Value {
-    let rows = &instance.world_from_object;
+/// `origin`: what the mesh's positions are relative to.
+fn node(instance: &Instance, origin: DVec3) -> Value {
+    let rows = instance.world_from_object.map(|[x, y, z, translation]| {
+        let moved = DVec3::new(x, y, z).dot(origin) + translation;
+        [x, y, z, moved]
+    });
     // Column-major, as glTF stores it; 32-bit readers round each number once.
     let matrix: Vec<f64> = (0..4)
         .flat_map(|column| {
@@ -228,10 +233,11 @@ impl Document {
     }
 
     fn positions(&mut self, mesh: &PlainMesh) -> usize {
-        let positions: Vec<[f32; 3]> = mesh
-            .positions()
-            .map(|position| position.map(|value| value as f32))
-            .collect();
+        let origin = mesh.origin();
+        let relative = |position: [f64; 3]| -> [f32; 3] {
+            std::array::from_fn(|axis| (position[axis] - origin[axis]) as f32)
+        };
+        let positions: Vec<[f32; 3]> = mesh.positions().map(relative).collect();
         let (mut min, mut max) = ([f32::MAX; 3], [f32::MIN; 3]);
         for position in &positions {
             for axis in 0..3 {

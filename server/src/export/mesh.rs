@@ -105,6 +105,26 @@ impl PlainMesh {
         self.vertices.len()
     }
 
+    /// Metres between the grid's points.
+    pub(super) fn step_metres(&self) -> f64 {
+        self.position_grid.step()
+    }
+
+    /// The point that f32 positions are relative to, so that none is rounded: the object's origin
+    /// unless a vertex is more than 2^24 steps away from it.
+    pub(super) fn origin(&self) -> [f64; 3] {
+        const EXACT: u64 = 1 << f32::MANTISSA_DIGITS;
+        let index =
+            |vertex: &Vertex, axis: usize| self.center_q[axis] + vertex.position[axis] as i64;
+        let is_near = |vertex: &Vertex| (0..3).all(|at| index(vertex, at).unsigned_abs() <= EXACT);
+        match self.vertices.iter().all(is_near) {
+            true => [0.0; 3],
+            false => self
+                .center_q
+                .map(|index| self.position_grid.dequantize(index)),
+        }
+    }
+
     /// Object-space positions, metres; exact.
     pub(super) fn positions(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
         self.vertices.iter().map(|vertex| {

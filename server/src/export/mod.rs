@@ -23,7 +23,8 @@ use mesh::PlainMesh;
 /// How fine the cut is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Detail {
-    /// At most this error, metres in the world.
+    /// At most this error, metres in the world, or that of the rounding of the source where it is
+    /// larger.
     Error(f64),
     /// The smallest error whose cut has at most so many triangles, every instance counted.
     Triangles(u64),
@@ -34,7 +35,8 @@ pub enum Detail {
 /// What was written.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct ExportReport {
-    /// World-space error bound of the cut, metres; 0 for the source.
+    /// World-space error bound of the cut, metres; for the source that of its rounding to the
+    /// position grid.
     pub error_metres: f64,
     /// Triangles, each asset once.
     pub triangles: u64,
@@ -143,8 +145,9 @@ fn report(
     error_metres: f64,
 ) -> ExportReport {
     let drawn = |(cut, mesh): (&SceneAssetCut, &PlainMesh)| cut.instances * mesh.triangle_count();
+    let rounding = cuts.iter().map(SceneAssetCut::rounding_in_world);
     ExportReport {
-        error_metres: error_metres.max(0.0),
+        error_metres: rounding.fold(error_metres.max(0.0), f64::max),
         triangles: meshes.iter().map(PlainMesh::triangle_count).sum(),
         drawn_triangles: cuts.iter().zip(meshes).map(drawn).sum(),
         assets: meshes.len() as u64,

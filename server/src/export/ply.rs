@@ -1,4 +1,5 @@
-//! Binary little-endian PLY: the world-space triangles of all instances, merged.
+//! Binary little-endian PLY: the world-space triangles of all instances, merged. Coordinates are
+//! floats, doubles where floats would lose.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -48,10 +49,12 @@ fn write_all(
     vertices: u64,
     triangles: u64,
 ) -> io::Result<()> {
+    let doubles = floats_lose(scene, meshes);
+    let kind = if doubles { "double" } else { "float" };
     write!(
         file,
         "ply\nformat binary_little_endian 1.0\nelement vertex {vertices}\n\
-         property float x\nproperty float y\nproperty float z\n\
+         property {kind} x\nproperty {kind} y\nproperty {kind} z\n\
          element face {triangles}\nproperty list uchar uint vertex_indices\nend_header\n"
     )?;
     for instance in &scene.instances {
@@ -59,7 +62,10 @@ fn write_all(
         for position in meshes[instance.asset as usize].positions() {
             for [x, y, z, translation] in rows {
                 let world = DVec3::new(*x, *y, *z).dot(position.into()) + translation;
-                file.write_all(&(world as f32).to_le_bytes())?;
+                match doubles {
+                    true => file.write_all(&world.to_le_bytes())?,
+                    false => file.write_all(&(world as f32).to_le_bytes())?,
+                }
             }
         }
     }
@@ -78,6 +84,33 @@ fn write_all(
         first += mesh.vertex_count() as u32;
     }
     Ok(())
+}
+
+/// Whether f32 would round a coordinate by more than a sixteenth of what the mesh's grid does.
+fn floats_lose(scene: &Scene, meshes: &[PlainMesh]) -> bool {
+    /// Half of the distance between two floats, of the larger ones.
+    const ROUNDING: f64 = 1.0 / (1 << f32::MANTISSA_DIGITS) as f64;
+    const SHARE: f64 = 1.0 / 16.0;
+    let bounds = |mesh: &PlainMesh| {
+        let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        mesh.positions().fold(none, |(least, most), position| {
+            let position = DVec3::from(position);
+            (least.min(position), most.max(position))
+        })
+    };
+    let bounds: Vec<(DVec3, DVec3)> = meshes.iter().map(bounds).collect();
+    scene.instances.iter().any(|instance| {
+        let mesh = instance.asset as usize;
+        let (least, most) = bounds[mesh];
+        let (center, half) = ((least + most) / 2.0, (most - least) / 2.0);
+        let mut rows = instance.world_from_object.iter();
+        rows.any(|&[x, y, z, translation]| {
+            let row = DVec3::new(x, y, z);
+            let farthest = (row.dot(center) + translation).abs() + row.abs().dot(half);
+            let step = meshes[mesh].step_metres() * row.abs().max_element();
+            farthest * ROUNDING > step * SHARE
+        })
+    })
 }
 
 fn is_mirrored(instance: &Instance) -> bool {

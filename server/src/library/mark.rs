@@ -74,6 +74,17 @@ impl Library {
     }
 
     async fn place(&self) -> Result<Place, LibraryError> {
+        if self.is_marked().await? {
+            return Ok(Place::Marked);
+        }
+        match self.unmarked_place().await? {
+            // Another writer may have made the library since: its mark is the first file.
+            Place::Foreign(_) if self.is_marked().await? => Ok(Place::Marked),
+            place => Ok(place),
+        }
+    }
+
+    async fn is_marked(&self) -> Result<bool, LibraryError> {
         let path = Path::from(MARK);
         let failed = |error| self.store_error(&path, error);
         match self.store.get(&path).await {
@@ -83,11 +94,14 @@ impl Library {
                     bytes => Err(no_mark(format!("{bytes} bytes"))),
                 };
                 checked.map_err(|error| self.damaged(MARK, error))?;
-                return Ok(Place::Marked);
+                Ok(true)
             }
-            Err(object_store::Error::NotFound { .. }) => {}
-            Err(error) => return Err(failed(error)),
+            Err(object_store::Error::NotFound { .. }) => Ok(false),
+            Err(error) => Err(failed(error)),
         }
+    }
+
+    async fn unmarked_place(&self) -> Result<Place, LibraryError> {
         if self.has_object().await? || self.has_scene().await? {
             return Ok(Place::Unmarked);
         }
