@@ -1,17 +1,15 @@
 //! Cameras as users write them, and the camera that shows a whole scene.
 
 use glam::DVec3;
-use lodestream_format::hierarchy::{LEAF_FLAG, NO_CHILD};
 use lodestream_shaders::SceneArrays;
 use lodestream_shaders::cpu::{Camera, near_for_radius};
-use lodestream_shaders::types::InstanceRecord;
+
+use crate::subject::Subject;
 
 /// Field of view of the camera that frames a scene, degrees: narrower than a window's, as product pictures are.
 const FRAMING_FOV_DEGREES: f64 = 40.0;
 /// Share of the picture that the framed scene leaves free at its edges.
 const MARGIN: f64 = 0.04;
-/// Most boxes whose corners are looked at one by one.
-const MOST_FRAMED_BOXES: usize = 100_000;
 
 /// A camera that does not parse.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -116,12 +114,12 @@ fn parse_vector(text: &str) -> Option<DVec3> {
     numbers.next().is_none().then_some(vector)
 }
 
-/// Shows the whole scene as large as the picture allows: from the front right, a little above, and from higher the wider
-/// the scene is for its height.
-pub fn framing(arrays: &SceneArrays, size_px: [u32; 2]) -> Camera {
-    let corners = corners(arrays);
-    let Some((low, high)) = bounds(&corners) else {
-        return Camera::for_scene(arrays, size_px);
+/// Shows the scene's subject as large as the picture allows: from the front right, a little above,
+/// and from higher the wider it is for its height.
+pub fn framing(subject: &Subject, size_px: [u32; 2]) -> Camera {
+    let corners = &subject.corners;
+    let Some((low, high)) = bounds(corners) else {
+        return Camera::framing(DVec3::ZERO, 1.0, size_px);
     };
     let size = high - low;
     let wide = size.x.max(size.z).max(f64::MIN_POSITIVE);
@@ -142,7 +140,7 @@ pub fn framing(arrays: &SceneArrays, size_px: [u32; 2]) -> Camera {
         size_px,
     };
     let axes = camera.axes();
-    let (eye, distance) = fit(&corners, axes, size_px);
+    let (eye, distance) = fit(corners, axes, size_px);
     camera.eye = eye;
     camera.target = eye + axes[2] * distance;
     camera
@@ -179,72 +177,26 @@ fn fit(corners: &[DVec3], [right, up, forward]: [DVec3; 3], size_px: [u32; 2]) -
     (eye, 0.5 * (nearest + farthest) - d_eye)
 }
 
-/// Corners in world space of the boxes around every instance's source triangles; of the instance's whole box where that
-/// would be too many, and of fewer instances where those are.
-fn corners(arrays: &SceneArrays) -> Vec<DVec3> {
-    let boxes: Vec<Vec<[[f32; 3]; 2]>> = (0..arrays.assets.len())
-        .map(|asset| source_boxes(arrays, asset))
-        .collect();
-    let own = |instance: &InstanceRecord| boxes.get(instance.asset as usize);
-    let count: usize = arrays.instances.iter().filter_map(own).map(Vec::len).sum();
-    let step = arrays.instances.len().div_ceil(MOST_FRAMED_BOXES).max(1);
-    let mut corners = Vec::new();
-    for instance in arrays.instances.iter().step_by(step) {
-        let Some(asset) = arrays.assets.get(instance.asset as usize) else {
-            continue;
-        };
-        let whole = vec![[asset.aabb_min, asset.aabb_max]];
-        let boxes = own(instance).filter(|_| count <= MOST_FRAMED_BOXES);
-        for bounds in boxes.unwrap_or(&whole) {
-            for corner in 0..8 {
-                let pick = |axis: usize| bounds[corner >> axis & 1][axis] as f64;
-                corners.push(instance.world_from_local(DVec3::new(pick(0), pick(1), pick(2))));
-            }
-        }
-    }
-    corners
-}
-
-/// Boxes of the groups of an asset's finest level, or of the asset where it has none.
-fn source_boxes(arrays: &SceneArrays, asset: usize) -> Vec<[[f32; 3]; 2]> {
-    let record = &arrays.assets[asset];
-    let next = arrays.assets.get(asset + 1);
-    let end = next.map_or(arrays.nodes.len(), |next| next.node_base as usize);
-    let nodes = arrays.nodes.get(record.node_base as usize..end);
-    let boxes: Vec<_> = nodes
-        .unwrap_or(&[])
-        .iter()
-        .flat_map(|node| &node.children)
-        .filter(|child| child.reference != NO_CHILD && child.reference & LEAF_FLAG != 0)
-        .filter(|child| {
-            let group = record.group_base + (child.reference & !LEAF_FLAG);
-            let group = arrays.groups.get(group as usize);
-            group.is_some_and(|group| group.level == 0)
-        })
-        .map(|child| [child.aabb_min, child.aabb_max])
-        .collect();
-    match boxes.is_empty() {
-        true => vec![[record.aabb_min, record.aabb_max]],
-        false => boxes,
-    }
-}
-
 fn bounds(corners: &[DVec3]) -> Option<(DVec3, DVec3)> {
     let first = *corners.first()?;
     let fold = |(low, high): (DVec3, DVec3), corner: &DVec3| (low.min(*corner), high.max(*corner));
     Some(corners.iter().fold((first, first), fold))
 }
 
-/// The near plane for a scene, metres.
-pub fn near_metres(arrays: &SceneArrays) -> f32 {
-    near_for_radius(arrays.bounds_in_world().map_or(1.0, |(_, radius)| radius))
+/// The near plane for a scene, metres: near enough for its subject.
+pub fn near_metres(arrays: &SceneArrays, subject: &Subject) -> f32 {
+    let whole = arrays.bounds_in_world().map_or(1.0, |(_, radius)| radius);
+    near_for_radius(match subject.instances_outside {
+        0 => whole,
+        _ => subject.radius_metres,
+    })
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)] // A test's way to fail.
     use super::*;
-    use lodestream_shaders::types::AssetRecord;
+    use lodestream_shaders::types::{AssetRecord, InstanceRecord};
 
     #[test]
     fn a_pose_reads_what_the_contract_writes() {
@@ -290,13 +242,14 @@ mod tests {
                 instance.linear_z = [0.0, 0.0, 1.0];
                 arrays.assets.push(asset);
                 arrays.instances.push(instance);
-                let camera = framing(&arrays, size_px);
+                let subject = Subject::new(&arrays);
+                let camera = framing(&subject, size_px);
                 assert_eq!(camera.check(), Ok(()));
                 let axes = camera.axes();
                 let tan_y = (0.5 * camera.fov_y_degrees).to_radians().tan();
                 let tan_x = tan_y * size_px[0] as f64 / size_px[1] as f64;
                 let mut reach: f64 = 0.0;
-                for corner in corners(&arrays) {
+                for corner in &subject.corners {
                     let rel = corner - camera.eye;
                     let depth = rel.dot(axes[2]);
                     assert!(depth > 0.0);

@@ -6,6 +6,7 @@
 pub mod camera;
 pub mod path;
 pub mod stream;
+pub mod subject;
 
 #[cfg(feature = "gpu")]
 pub mod cut_file;

@@ -13,6 +13,7 @@ use crate::gpu::{self, Gpu, Renderer, TextureUpload};
 use crate::images::{self, DEFAULT_TEXTURE_MEMORY_BYTES};
 use crate::report::Report;
 use crate::stream::{MIN_SLOTS, OpenedScene, Source, StreamError, StreamLimits, Transport};
+use crate::subject::Subject;
 
 /// Bytes of the page pool unless asked otherwise.
 pub const DEFAULT_POOL_BYTES: u64 = 256 << 20;
@@ -73,6 +74,8 @@ pub struct Opening {
     pub scene: Arc<OpenedScene>,
     /// Its arrays.
     pub arrays: Arc<SceneArrays>,
+    /// The part of it that is framed unless another camera is asked for.
+    pub subject: Arc<Subject>,
     /// Where fetches run.
     pub runtime: tokio::runtime::Runtime,
     /// Seconds that it took.
@@ -102,6 +105,7 @@ impl Opening {
         Ok(Self {
             source,
             scene: Arc::new(opened),
+            subject: Arc::new(Subject::new(&arrays)),
             arrays: Arc::new(arrays),
             runtime,
             secs: start.elapsed().as_secs_f64(),
@@ -129,7 +133,8 @@ impl Opening {
         let textures = &self.scene.scene.textures;
         let admitted = images::admitted(textures.iter(), options.limits.open_memory_bytes);
         let memory_bytes = options.texture_memory_bytes;
-        let mut upload = TextureUpload::new(&renderer.gpu, textures, &admitted, memory_bytes)?;
+        let mut upload =
+            TextureUpload::new(&renderer.gpu, textures, &admitted, materials, memory_bytes)?;
         let shown = admitted.iter().enumerate().filter(|(_, it)| it.is_ok());
         let fetches = shown.map(|(index, _)| {
             let (source, texture) = (self.source.clone(), textures[index].clone());

@@ -127,7 +127,8 @@ impl<'a> Batches<'a> {
             ..renderer.capacities()
         })?;
         opening.load_textures(&mut renderer, options, report)?;
-        let view = camera.view(near_metres(&opening.arrays), 0.0);
+        let near = near_metres(&opening.arrays, &opening.subject);
+        let view = camera.view(near, 0.0);
         // What no triangle covers.
         renderer.clear_visbuffer();
         renderer.shade(&view)?;

@@ -3,8 +3,6 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use lodestream_shaders::cpu::Camera;
-
 use crate::camera::{Pose, framing, near_metres};
 use crate::cut_file;
 use crate::error::ClientError;
@@ -52,17 +50,14 @@ pub fn render_on(gpu: &Gpu, options: &RenderOptions) -> Result<Report, ClientErr
     }
 }
 
-fn camera(options: &RenderOptions, arrays: &lodestream_shaders::SceneArrays) -> Camera {
-    let size_px = options.session.size_px;
-    options
-        .camera
-        .map_or_else(|| framing(arrays, size_px), |pose| pose.camera(size_px))
-}
-
 fn render_settled(gpu: &Gpu, options: &RenderOptions) -> Result<Report, ClientError> {
     let start = Instant::now();
     let mut session = Session::on(gpu, &options.session)?;
-    let camera = camera(options, session.arrays());
+    let size_px = options.session.size_px;
+    let camera = match options.camera {
+        Some(pose) => pose.camera(size_px),
+        None => session.framing(size_px),
+    };
     let settled = session.settle(&camera, options.timeout)?;
     let settled_secs = start.elapsed().as_secs_f64();
     let failure = (!settled).then(|| session.not_settled(options.timeout));
@@ -72,7 +67,6 @@ fn render_settled(gpu: &Gpu, options: &RenderOptions) -> Result<Report, ClientEr
     for _ in 0..options.repeat.max(1) {
         session.picture(&camera)?;
     }
-    let size_px = options.session.size_px;
     write_png(&options.out, size_px, &session.renderer.read_color()?)?;
     if let Some(file) = &options.depth {
         let visbuffer = session.renderer.read_visbuffer()?;
@@ -101,12 +95,18 @@ fn render_reference(gpu: &Gpu, options: &RenderOptions) -> Result<Report, Client
             found: "--reference, which chooses no cut".to_owned(),
         });
     }
-    let mut near = 0.0;
-    let drawn = reference(gpu, &options.session, |opening| {
-        near = near_metres(&opening.arrays);
-        camera(options, &opening.arrays)
-    })?;
     let size_px = options.session.size_px;
+    let (mut near, mut framed) = (0.0, None);
+    let mut drawn = reference(gpu, &options.session, |opening| {
+        near = near_metres(&opening.arrays, &opening.subject);
+        options.camera.map_or_else(
+            || framing(framed.insert(opening.subject.clone()), size_px),
+            |pose| pose.camera(size_px),
+        )
+    })?;
+    if let Some(subject) = framed {
+        drawn.report.tell_outside(&subject);
+    }
     write_png(&options.out, size_px, &drawn.color)?;
     if let Some(file) = &options.depth {
         write_pfm(file, size_px, &depth_metres(&drawn.visbuffer, near))?;

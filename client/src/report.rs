@@ -6,6 +6,7 @@ use std::path::Path;
 use lodestream_shaders::types::Counters;
 
 use crate::picture::FileError;
+use crate::subject::Subject;
 
 /// A command's report. Seconds and bytes are plain numbers.
 #[derive(Debug, Clone, Default, serde::Serialize)]
@@ -65,6 +66,9 @@ pub struct Report {
     /// Batches of a full-detail reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_batches: Option<u32>,
+    /// Instances that lie, wholly or in part, outside of what the default camera frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instances_outside: Option<u64>,
     /// One line each.
     pub warnings: Vec<String>,
 }
@@ -122,6 +126,15 @@ impl Percentiles {
 }
 
 impl Report {
+    /// Says, here and on standard error, what the camera that frames `subject` leaves out.
+    pub fn tell_outside(&mut self, subject: &Subject) {
+        self.instances_outside = Some(subject.instances_outside);
+        if let Some(note) = subject.note() {
+            tracing::warn!("{note}");
+            self.warnings.push(note);
+        }
+    }
+
     /// Writes the report as JSON.
     pub fn write(&self, file: &Path) -> Result<(), FileError> {
         let mut text =

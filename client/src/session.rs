@@ -8,12 +8,13 @@ use lodestream_shaders::SceneArrays;
 use lodestream_shaders::cpu::Camera;
 use lodestream_shaders::types::{Counters, ShadeMode, View};
 
-use crate::camera::near_metres;
+use crate::camera::{framing, near_metres};
 use crate::error::ClientError;
 use crate::gpu::{self, FrameResult, Gpu, GpuError, PageUpload, Renderer, Work};
 use crate::opening::{Opening, SessionOptions, pool_bytes};
 use crate::report::{Drawn, Percentiles, Report};
 use crate::stream::{Changes, PixelErrorLimit, ResidencyConfig, Streamer, StreamingRequest};
+use crate::subject::Subject;
 
 /// Longest sleep for an arrival before the view is looked at again.
 const ARRIVAL_WAIT: Duration = Duration::from_millis(20);
@@ -33,6 +34,7 @@ pub struct Session {
     scene_name: String,
     mode: ShadeMode,
     near_metres: f32,
+    subject: Arc<Subject>,
     /// Least pixel error that the adapter's queues can hold.
     queue_pixel_error: f32,
     looked_from: Option<Camera>,
@@ -87,7 +89,8 @@ impl Session {
         renderer.set_mode(options.mode)?;
         opening.load_textures(&mut renderer, options, &mut report)?;
         let mut session = Self {
-            near_metres: near_metres(&opening.arrays),
+            near_metres: near_metres(&opening.arrays, &opening.subject),
+            subject: opening.subject.clone(),
             renderer,
             streamer,
             scene_name: options.scene.clone(),
@@ -113,6 +116,17 @@ impl Session {
         self.renderer.arrays()
     }
 
+    /// The camera that frames the scene's subject; the report says what it leaves out.
+    pub fn framing(&mut self, size_px: [u32; 2]) -> Camera {
+        self.report.tell_outside(&self.subject);
+        framing(&self.subject, size_px)
+    }
+
+    /// The part of the scene that is framed.
+    pub fn subject(&self) -> &Subject {
+        &self.subject
+    }
+
     /// Distance of the near plane, metres.
     pub fn near_metres(&self) -> f32 {
         self.near_metres
@@ -126,6 +140,17 @@ impl Session {
     /// Pixel error of the next frame: what the streamer or the adapter's queues can hold, at least what was asked for.
     pub fn pixel_error(&self) -> f32 {
         self.streamer.pixel_error().max(self.queue_pixel_error)
+    }
+
+    /// Pixel error of the last picture: what its cut may show, or the rounding of the source to its
+    /// grid where that shows more.
+    pub fn pixel_error_shown(&self) -> f32 {
+        self.pixel_error().max(self.rounding_px())
+    }
+
+    fn rounding_px(&self) -> f32 {
+        let bits = self.last_counters.map(|counters| counters.rounding_px_bits);
+        bits.map_or(0.0, f32::from_bits)
     }
 
     /// Changes what the picture shows. Textures are those of the mode that the session was opened with.
@@ -168,14 +193,7 @@ impl Session {
                 whole = false;
                 continue;
             }
-            let requests: Vec<_> = result
-                .requests
-                .iter()
-                .map(|request| StreamingRequest {
-                    page: request.page,
-                    priority_px: request.priority_px,
-                })
-                .collect();
+            let requests: Vec<_> = result.requests.iter().map(Into::into).collect();
             let changes = self.streamer.tick(&requests);
             self.apply(&changes)?;
             self.last_counters = Some(result.counters);
@@ -224,11 +242,7 @@ impl Session {
             self.frames += 1;
             let results = self.renderer.collect(true)?;
             let requests = results.last().map_or(Vec::new(), |last| {
-                let of = |request: &lodestream_shaders::types::RequestRecord| StreamingRequest {
-                    page: request.page,
-                    priority_px: request.priority_px,
-                };
-                last.requests.iter().map(of).collect()
+                last.requests.iter().map(Into::into).collect()
             });
             if self.take(results)? {
                 return Ok(requests);
@@ -323,6 +337,10 @@ impl Session {
         let stats = self.streamer.stats();
         let median = |values: &Vec<f64>| Percentiles::of(values).map_or(0.0, |values| values.p50);
         let limit = match self.streamer.pixel_error_limit() {
+            PixelErrorLimit::Asked if self.rounding_px() > self.pixel_error() => Some(
+                "the scene's position grid (ingest --position-step) shows more this near"
+                    .to_owned(),
+            ),
             PixelErrorLimit::Asked => self.report.pixel_error_limit.clone(),
             PixelErrorLimit::Pool {
                 wanted_pages,
@@ -340,7 +358,7 @@ impl Session {
             pages_evicted: stats.pages_evicted,
             pool_bytes: self.renderer.pool().bytes(),
             drawn: self.last_counters.as_ref().map(Drawn::from),
-            pixel_error_shown: self.pixel_error() as f64,
+            pixel_error_shown: self.pixel_error_shown() as f64,
             pixel_error_asked: stats.pixel_error_asked as f64,
             pixel_error_limit: limit,
             gpu_ms: self

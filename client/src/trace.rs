@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::stream::{OpenedScene, StreamingRequest};
 
 /// Version that [`TraceHeader::version`] has to name.
-pub const TRACE_VERSION: u32 = 1;
+pub const TRACE_VERSION: u32 = 2;
 
 /// What a replay has to know about the pages; scene-wide numbers throughout.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,13 +37,14 @@ pub struct TracePage {
     pub dependencies: Vec<u32>,
 }
 
-/// One frame's requests: page and priority in pixels.
+/// One frame's requests.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TraceFrame {
     /// Number of the frame.
     pub frame: u32,
-    /// What was wanted, most urgent first.
-    pub requests: Vec<(u32, f32)>,
+    /// Pages wanted, most urgent first: page, largest projected error and sum of the projected
+    /// errors over groups and instances, both in pixels.
+    pub requests: Vec<(u32, f32, f32)>,
 }
 
 /// A whole trace.
@@ -107,9 +108,9 @@ impl TraceFrame {
     pub fn new(frame: u32, requests: &[StreamingRequest]) -> Self {
         let mut requests: Vec<_> = requests
             .iter()
-            .map(|request| (request.page, request.priority_px))
+            .map(|request| (request.page, request.error_px, request.priority_px))
             .collect();
-        requests.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        requests.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.0.cmp(&b.0)));
         Self { frame, requests }
     }
 }
@@ -158,7 +159,7 @@ impl Trace {
         let header: TraceHeader = serde_json::from_str(&first?)
             .map_err(|error| wrong(1, "a trace header", error.to_string()))?;
         if header.version != TRACE_VERSION {
-            return Err(wrong(1, "version 1", header.version.to_string()));
+            return Err(wrong(1, "version 2", header.version.to_string()));
         }
         for (page, entry) in header.pages.iter().enumerate() {
             if let Some(wide) = entry
@@ -181,10 +182,10 @@ impl Trace {
             }
             let frame: TraceFrame = serde_json::from_str(&line)
                 .map_err(|error| wrong(index + 1, "a frame", error.to_string()))?;
-            if let Some((page, _)) = frame
+            if let Some((page, ..)) = frame
                 .requests
                 .iter()
-                .find(|(page, _)| *page as usize >= header.pages.len())
+                .find(|(page, ..)| *page as usize >= header.pages.len())
             {
                 return Err(wrong(index + 1, "known pages", page.to_string()));
             }
@@ -206,7 +207,7 @@ mod tests {
             dependencies,
         };
         TraceHeader {
-            version: 1,
+            version: TRACE_VERSION,
             scene: "rock".into(),
             fps: 30,
             pages: vec![page(true, vec![]), page(false, vec![0])],
@@ -220,11 +221,13 @@ mod tests {
         let requests = [
             StreamingRequest {
                 page: 0,
-                priority_px: 1.0,
+                error_px: 1.0,
+                priority_px: 4.0,
             },
             StreamingRequest {
                 page: 1,
-                priority_px: 2.5,
+                error_px: 0.5,
+                priority_px: 7.5,
             },
         ];
         writer.frame(&TraceFrame::new(0, &requests))?;
@@ -235,11 +238,11 @@ mod tests {
             trace.frames,
             vec![TraceFrame {
                 frame: 0,
-                requests: vec![(1, 2.5), (0, 1.0)]
+                requests: vec![(1, 0.5, 7.5), (0, 1.0, 4.0)]
             }]
         );
 
-        bytes.extend(b"{\"frame\":1,\"requests\":[[2,1.0]]}\n");
+        bytes.extend(b"{\"frame\":1,\"requests\":[[2,1.0,1.0]]}\n");
         let error = Trace::read(bytes.as_slice())
             .map(|_| ())
             .map_err(|error| error.to_string());

@@ -8,7 +8,7 @@ mod gpu_common;
 use gpu_common::{TestScene, gpu, keep_picture, look, plain_scene, textured_scene};
 use lodestream_client::gpu::{Gpu, Renderer, Work};
 use lodestream_shaders::cpu::{self, Camera, Capacities, near_for_radius};
-use lodestream_shaders::types::{ShadeMode, View};
+use lodestream_shaders::types::{Counters, ShadeMode, View};
 
 const SIZE: [u32; 2] = [480, 270];
 const MODES: [ShadeMode; 11] = [
@@ -40,10 +40,10 @@ fn view_of(test: &TestScene, camera: &Camera) -> View {
         .with_scene(&test.arrays, Capacities::UNBOUNDED)
 }
 
-fn drawn(renderer: &mut Renderer, view: &View, mode: ShadeMode) {
+fn drawn(renderer: &mut Renderer, view: &View, mode: ShadeMode) -> Counters {
     renderer.set_mode(mode).unwrap();
     renderer.draw(view, Work::Picture).unwrap();
-    renderer.collect(true).unwrap();
+    renderer.collect(true).unwrap().pop().unwrap().counters
 }
 
 /// At most a thousandth of the pixels may hold another triangle, and only where triangles meet: the found one is a
@@ -87,7 +87,10 @@ fn largest_difference(a: u32, b: u32) -> u8 {
 
 fn compare(gpu: &Gpu, test: &TestScene, name: &str) {
     let (pool, page_table) = test.twin_pool(1.0);
-    let textures = test.twin_textures();
+    let mut textures = test.twin_textures();
+    let mut arrays = lodestream_shaders::SceneArrays::clone(&test.arrays);
+    textures.add_mask_cutoffs(&mut arrays.materials);
+    let arrays = &arrays;
     let mut renderer = test.renderer(gpu, 1.0, SIZE);
     assert_eq!(renderer.page_table(), page_table);
     if !test.scene.textures.is_empty() {
@@ -105,7 +108,6 @@ fn compare(gpu: &Gpu, test: &TestScene, name: &str) {
                 shade_mode: mode as u32,
                 ..view
             };
-            let arrays = &test.arrays;
             if mode == ShadeMode::Shaded {
                 keep_picture(&format!("{name}_{number}"), SIZE, &color);
                 let masked = cpu::needs_masked(&arrays.materials);
@@ -138,6 +140,32 @@ fn compare(gpu: &Gpu, test: &TestScene, name: &str) {
                 panic!("{mode:?}: {wrong} pixels differ, see {}", kept.display());
             }
         }
+    }
+}
+
+/// The error of the finest clusters is the rounding of the source; it shows where it is more than
+/// the pixel error, and the nearest pixel decides.
+#[test]
+fn the_rounding_of_the_source_is_told_where_it_shows() {
+    let Some(gpu) = gpu() else { return };
+    let test = plain_scene();
+    let mut renderer = test.renderer(&gpu, 1.0, SIZE);
+    for camera in cameras() {
+        let view = view_of(&test, &camera);
+        assert_eq!(
+            drawn(&mut renderer, &view, ShadeMode::Shaded).rounding_px_bits,
+            0
+        );
+        let fine = View {
+            pixel_error_px: 1e-4,
+            ..view
+        };
+        let found = f32::from_bits(drawn(&mut renderer, &fine, ShadeMode::Shaded).rounding_px_bits);
+        let visible = renderer.read_visible().unwrap();
+        let visbuffer = renderer.read_visbuffer().unwrap();
+        let twin = cpu::rounding_px(&visbuffer, &visible, &test.arrays, &fine);
+        println!("{found} px, {twin} px");
+        assert!(found > 1e-4 && (found - twin).abs() <= 1e-5 * twin);
     }
 }
 

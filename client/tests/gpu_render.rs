@@ -77,7 +77,7 @@ fn render(gpu: &Gpu, session: SessionOptions, out: &Path) -> (Report, Vec<u32>) 
 
 fn full_detail(gpu: &Gpu, session: &SessionOptions) -> Reference {
     reference(gpu, session, |opening| {
-        lodestream_client::camera::framing(&opening.arrays, SIZE)
+        lodestream_client::camera::framing(&opening.subject, SIZE)
     })
     .unwrap()
 }

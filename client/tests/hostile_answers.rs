@@ -396,6 +396,7 @@ fn retry_after_a_year_is_minutes() {
     let requests: Vec<_> = (0..scene.opened.page_count())
         .map(|page| StreamingRequest {
             page,
+            error_px: 9.0,
             priority_px: 9.0,
         })
         .collect();

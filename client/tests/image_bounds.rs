@@ -112,7 +112,7 @@ fn an_image_of_16384_texels_a_side_shows_its_colours_in_little_memory() {
     assert_eq!(admitted([&texture].into_iter(), 1 << 30), [Ok(())]);
     let measure = Measure::new();
     // 4,096 texels a side: 85 MiB with all mips, where the image has a gigabyte.
-    let words = mips(&texture, &file, 2).unwrap();
+    let words = mips(&texture, &file, 2).unwrap().words;
     let peak = measure.peak_bytes();
     assert!(peak < 192 * MIB, "{peak} bytes");
     let [r, g, b, a] = words[words.len() - 1].to_le_bytes();
@@ -200,7 +200,7 @@ fn texts_and_profiles_are_passed_over() {
     writer.write_image_data(&[7]).unwrap();
     writer.finish().unwrap();
     let measure = Measure::new();
-    let words = mips(&png_texture(1, 1), &file, 0).unwrap();
+    let words = mips(&png_texture(1, 1), &file, 0).unwrap().words;
     assert_eq!(words, [0xff07_0707]);
     let peak = measure.peak_bytes();
     assert!(peak < 4 * MIB, "{peak} bytes");
@@ -238,8 +238,10 @@ fn every_kind_of_png_is_read() {
         writer.finish().unwrap();
         let expected = image::load_from_memory(&file).unwrap().into_rgba8();
         for dropped in 0..6 {
-            let words = mips(&png_texture(width, height), &file, dropped).unwrap();
-            let expected = mip_chain([width, height], &expected, dropped);
+            let words = mips(&png_texture(width, height), &file, dropped)
+                .unwrap()
+                .words;
+            let expected = mip_chain([width, height], &expected, dropped).words;
             assert!(words == expected, "{color:?} {depth:?} from mip {dropped}");
         }
     }
@@ -278,8 +280,10 @@ fn an_interlaced_image_is_read_whole_or_thinned_out() {
                     [r, g, b, 255]
                 })
                 .collect();
-            let words = mips(&png_texture(width, height), &file, dropped).unwrap();
-            let expected = mip_chain(thin, &rgba, dropped - step);
+            let words = mips(&png_texture(width, height), &file, dropped)
+                .unwrap()
+                .words;
+            let expected = mip_chain(thin, &rgba, dropped - step).words;
             assert!(words == expected, "{width} x {height} from mip {dropped}");
         }
     }
@@ -295,10 +299,10 @@ fn a_jpeg_is_reduced_while_it_is_decoded() {
         let picture = DynamicImage::ImageRgb8(picture);
         picture.write_to(&mut file, ImageFormat::Jpeg).unwrap();
         let texture = texture(MediaType::Jpeg, width, height);
-        let whole = mips(&texture, file.get_ref(), 0).unwrap();
+        let whole = mips(&texture, file.get_ref(), 0).unwrap().words;
         for dropped in 1..6 {
             let measure = Measure::new();
-            let words = mips(&texture, file.get_ref(), dropped).unwrap();
+            let words = mips(&texture, file.get_ref(), dropped).unwrap().words;
             let peak = measure.peak_bytes();
             let same = &whole[whole.len() - words.len()..];
             for (at, (found, expected)) in words.iter().zip(same).enumerate() {
@@ -326,7 +330,7 @@ fn all_textures_together_keep_to_their_memory() {
     textures.push(png_texture(60_000, 60_000));
     let admitted_of = |textures: &[Texture]| admitted(textures.iter(), 1 << 30);
     let admitted = admitted_of(&textures);
-    let mut upload = TextureUpload::new(&gpu, &textures, &admitted, 64 << 20).unwrap();
+    let mut upload = TextureUpload::new(&gpu, &textures, &admitted, &[], 64 << 20).unwrap();
     upload.put(0, &rgb_png(4096, 4096, false, &[])).unwrap();
     let size_px = [16, 16];
     let arrays = std::sync::Arc::default();
@@ -352,7 +356,7 @@ fn all_textures_together_keep_to_their_memory() {
 
     // No time is told: laid out one by one against each other they would take hours.
     let many: Vec<Texture> = (0..200_000).map(|_| png_texture(60, 60)).collect();
-    TextureUpload::new(&gpu, &many, &admitted_of(&many), 64 << 20).unwrap();
+    TextureUpload::new(&gpu, &many, &admitted_of(&many), &[], 64 << 20).unwrap();
 }
 
 #[test]

@@ -55,7 +55,11 @@ fn sent(fetches: &[Fetch], scene: &OpenedScene, priorities: &[f32]) -> Vec<Sent>
 fn requests(priorities: &[f32]) -> Vec<StreamingRequest> {
     (0..)
         .zip(priorities)
-        .map(|(page, &priority_px)| StreamingRequest { page, priority_px })
+        .map(|(page, &priority_px)| StreamingRequest {
+            page,
+            error_px: 2.0,
+            priority_px,
+        })
         .collect()
 }
 

@@ -226,7 +226,11 @@ fn requests_for_nothing_are_ignored() {
         config(&scene.opened, 8, PixelErrorControl::Governed),
     )
     .unwrap();
-    let request = |page, priority_px| StreamingRequest { page, priority_px };
+    let request = |page, px| StreamingRequest {
+        page,
+        error_px: px,
+        priority_px: px,
+    };
     let last = scene.opened.page_count() - 1;
     residency.update(
         0.0,

@@ -6,7 +6,8 @@ use lodestream_format::scene::{AlphaMode, Instance, Material, Wrap};
 use lodestream_format::{Asset, Hierarchy, Scene};
 
 use crate::types::{
-    AssetRecord, InstanceRecord, MaterialRecord, NO_TEXTURE, NOT_INSTALLED, material_flag,
+    AssetRecord, InstanceRecord, MaterialRecord, NO_MASK_CUTOFFS, NO_TEXTURE, NOT_INSTALLED,
+    material_flag,
 };
 
 /// Flat arrays of a scene. Node, group and page numbers inside an asset count from the bases in its [`AssetRecord`].
@@ -230,7 +231,8 @@ fn material_record(material: &Material) -> MaterialRecord {
         flags,
         metallic: material.metallic,
         roughness: material.roughness,
-        spare: [0; 2],
+        mask_cutoffs: NO_MASK_CUTOFFS,
+        spare: 0,
     }
 }
 

@@ -198,6 +198,7 @@ pub const SHADE: Pass = pass(
         "texels",
         "fragment_counts",
         "color",
+        "counters",
     ],
     PoolAccess::Read,
 );
@@ -271,6 +272,7 @@ const SHARED: &[(&str, &str)] = &[
     ),
     ("surface", include_str!("../wgsl/shared/surface.wgsl")),
     ("light", include_str!("../wgsl/shared/light.wgsl")),
+    ("hash", include_str!("../wgsl/shared/hash.wgsl")),
     (
         "false_color",
         include_str!("../wgsl/shared/false_color.wgsl"),

@@ -7,6 +7,8 @@ use bytemuck::{Pod, Zeroable};
 pub const NOT_INSTALLED: u32 = u32::MAX;
 /// [`MaterialRecord::texture`] of a material without a base-colour texture.
 pub const NO_TEXTURE: u32 = u32::MAX;
+/// [`MaterialRecord::mask_cutoffs`] of a material without a table.
+pub const NO_MASK_CUTOFFS: u32 = u32::MAX;
 /// Bits of a visbuffer id that number the triangle inside its cluster.
 pub const TRIANGLE_BITS: u32 = 7;
 
@@ -47,8 +49,10 @@ pub struct View {
     pub cluster_capacity: u32,
     /// Entries that the request list holds.
     pub request_capacity: u32,
+    /// 1 / cos of the angle between the view axis and the picture's corner, rounded up.
+    pub corner_secant: f32,
     /// Zero.
-    pub spare: [u32; 3],
+    pub spare: [u32; 2],
 }
 
 /// Bits of [`View::flags`].
@@ -170,8 +174,11 @@ pub struct ClusterItem {
 pub struct RequestRecord {
     /// Scene-wide page.
     pub page: u32,
-    /// Projected error of the most urgent group that wants it, pixels.
-    pub priority_px: f32,
+    /// Largest projected error of any group in it, of any instance, pixels.
+    pub error_px: f32,
+    /// Projected errors summed over groups and instances, in units of
+    /// [`PRIORITY_UNITS_A_PX`](crate::cpu::error_metric::PRIORITY_UNITS_A_PX).
+    pub priority: u32,
 }
 
 /// Counters of one frame; cleared to zero before it. Counts may pass the capacity: what did not fit was not written, and
@@ -197,8 +204,11 @@ pub struct Counters {
     pub triangles_drawn: u32,
     /// Largest node queue of any level: what the capacity has to be.
     pub node_count_max: u32,
+    /// Bits of the most pixels that the rounding of a visible surface to its grid may show, where
+    /// they are more than the pixel error; else zero.
+    pub rounding_px_bits: u32,
     /// Zero.
-    pub spare: [u32; 3],
+    pub spare: [u32; 2],
 }
 
 /// Arguments of the indirect commands, in this order in one buffer.
@@ -257,8 +267,10 @@ pub struct MaterialRecord {
     pub metallic: f32,
     /// 0..=1.
     pub roughness: f32,
+    /// First word of its table of cutoffs in the texel buffer, or [`NO_MASK_CUTOFFS`].
+    pub mask_cutoffs: u32,
     /// Zero.
-    pub spare: [u32; 2],
+    pub spare: u32,
 }
 
 /// Bits of [`MaterialRecord::flags`].

@@ -47,6 +47,7 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             node_capacity,
             cluster_capacity,
             request_capacity,
+            corner_secant,
             spare
         }),
         layout!(InstanceRecord {
@@ -106,7 +107,11 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             cluster,
             page_word
         }),
-        layout!(RequestRecord { page, priority_px }),
+        layout!(RequestRecord {
+            page,
+            error_px,
+            priority
+        }),
         layout!(Counters {
             node_count,
             next_node_count,
@@ -117,6 +122,7 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             nodes_visited,
             triangles_drawn,
             node_count_max,
+            rounding_px_bits,
             spare
         }),
         layout!(IndirectArgs {
@@ -144,6 +150,7 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             flags,
             metallic,
             roughness,
+            mask_cutoffs,
             spare
         }),
         layout!(TextureRecord {
@@ -322,7 +329,8 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
     use lodestream_format::limits::HIERARCHY_WIDTH;
     use lodestream_format::memory_form::{self, cluster_word, page_word};
     use lodestream_format::octahedral::NORMAL_BITS;
-    use lodestream_shaders::cpu::{error_metric, prepare, view};
+    use lodestream_shaders::cpu::{error_metric, mask_cutoffs, prepare, view};
+    use lodestream_shaders::types::NO_MASK_CUTOFFS;
 
     let whole = [
         ("NOT_INSTALLED", NOT_INSTALLED as usize),
@@ -336,6 +344,8 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("LEAF_FLAG", LEAF_FLAG as usize),
         ("NO_CHILD", NO_CHILD as usize),
         ("NO_GROUP", NO_GROUP as usize),
+        ("NO_MASK_CUTOFFS", NO_MASK_CUTOFFS as usize),
+        ("MOST_PRIORITY", error_metric::MOST_PRIORITY as usize),
         ("MAGIC", memory_form::MAGIC as usize),
         ("PAGE_HEADER_WORDS", memory_form::PAGE_HEADER_WORDS),
         ("CLUSTER_HEADER_WORDS", memory_form::CLUSTER_HEADER_WORDS),
@@ -409,9 +419,15 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("ROOT_ERROR", ROOT_ERROR),
         ("LEVEL_SLACK", error_metric::LEVEL_SLACK),
         ("NODE_LEVEL", error_metric::NODE_LEVEL),
-        ("SMALLEST_PRIORITY_PX", error_metric::SMALLEST_PRIORITY_PX),
-        ("LARGEST_PRIORITY_PX", error_metric::LARGEST_PRIORITY_PX),
-        ("ROOT_PRIORITY_PX", error_metric::ROOT_PRIORITY_PX),
+        ("SMALLEST_REQUEST_PX", error_metric::SMALLEST_REQUEST_PX),
+        ("LARGEST_REQUEST_PX", error_metric::LARGEST_REQUEST_PX),
+        ("ROOT_REQUEST_PX", error_metric::ROOT_REQUEST_PX),
+        ("PRIORITY_UNITS_A_PX", error_metric::PRIORITY_UNITS_A_PX),
+        ("ALPHA_SLACK", mask_cutoffs::ALPHA_SLACK),
+        ("VERTEX_ALPHA_SLACK", mask_cutoffs::VERTEX_ALPHA_SLACK),
+        ("MASK_SPREAD_PX", mask_cutoffs::MASK_SPREAD_PX),
+        ("MASK_NOISE", mask_cutoffs::MASK_NOISE),
+        ("CUTOFFS_A_MIP", mask_cutoffs::ENTRIES_A_MIP as f32),
     ];
     let whole = whole.map(|(name, value)| (name, value as f64));
     whole

@@ -12,11 +12,12 @@ fn compact_requests(
     @builtin(local_invocation_index) local: u32,
 ) {
     let page = thread_index(workgroup, local);
-    if page >= view.page_count || page_priority[page] == 0u {
+    if page >= view.page_count || page_priority[2u * page] == 0u {
         return;
     }
     let place = atomicAdd(&counters.request_count, 1u);
     if place < view.request_capacity {
-        requests[place] = RequestRecord(page, bitcast<f32>(page_priority[page]));
+        let error_px = bitcast<f32>(page_priority[2u * page]);
+        requests[place] = RequestRecord(page, error_px, page_priority[2u * page + 1u]);
     }
 }

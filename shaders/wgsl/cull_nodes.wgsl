@@ -22,10 +22,20 @@ struct Node {
     children: array<Child, 8>,
 }
 
-// Asks for every page of a group, installed or not: what is installed stays fresh.
-fn request_pages(group: Group, page_base: u32, priority: u32) {
+// Asks for every page of a group, installed or not: what is installed stays fresh. Two words a
+// page: the largest error of any group, and the sum of all errors, over all instances.
+//
+// The sum saturates, and is the same in any order of the additions. One that wraps is followed by
+// its own maximum. After the last of these no addition can come, since it would wrap; so the word
+// ends at its maximum just where the true sum exceeds it. Where none wraps, the word is the true
+// sum.
+fn request_pages(group: Group, page_base: u32, error_bits: u32, units: u32) {
     for (var part = 0u; part < group.part_count; part++) {
-        atomicMax(&page_priority[page_base + group.first_page + part], priority);
+        let word = 2u * (page_base + group.first_page + part);
+        atomicMax(&page_priority[word], error_bits);
+        if atomicAdd(&page_priority[word + 1u], units) > MOST_PRIORITY - units {
+            atomicMax(&page_priority[word + 1u], MOST_PRIORITY);
+        }
     }
 }
 
@@ -48,7 +58,8 @@ fn visit_group(group: Group, asset: AssetRecord, instance_index: u32, instance: 
     let error = group.parent_error_metres;
     let exact_px = group_projected_px(group, instance, f32(group.level));
     if error_wanted(view, error, exact_px) {
-        request_pages(group, asset.page_base, priority_bits(error, exact_px));
+        let units = priority_units(error, exact_px, view.size_px);
+        request_pages(group, asset.page_base, request_bits(error, exact_px), units);
     }
     // `cull_clusters` decides for itself, about the group and about the one below by the same code, so that two compilations
     // of one formula cannot disagree; here a level's slack more lets nothing through too little.

@@ -18,6 +18,10 @@
 @group(0) @binding(7) var<storage, read> texture_records: array<TextureRecord>;
 @group(0) @binding(8) var<storage, read> texels: array<u32>;
 
+// How far below the cutoff alpha may come out of f32 arithmetic, and of the eight bits of a vertex.
+const ALPHA_SLACK: f32 = 0.000244140625;
+const VERTEX_ALPHA_SLACK: f32 = 0.0019607844;
+
 struct Fragment {
     @invariant @builtin(position) position: vec4<f32>,
     @location(0) @interpolate(flat, either) id: u32,
@@ -43,7 +47,8 @@ fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_ind
             fragment.uv = transform_uv(materials[fragment.material], vec3<f32>(uv, 1.0));
         }
         if cluster_has_colors(corner.cluster) {
-            fragment.alpha = cluster_color(corner.cluster, corner.vertex).a;
+            let alpha = cluster_color(corner.cluster, corner.vertex).a;
+            fragment.alpha = select(0.0, min(alpha + VERTEX_ALPHA_SLACK, 1.0), alpha > 0.0);
         }
     }
     return fragment;
@@ -61,10 +66,16 @@ fn raster_fragment(fragment: Fragment, @builtin(front_facing) front_facing: bool
     }
     if (material.flags & MATERIAL_MASK) != 0u {
         var alpha = material.base_color.a * fragment.alpha;
+        var cutoff = material.alpha_cutoff;
         if material.texture != NO_TEXTURE {
-            alpha *= sample_texture(texture_records[material.texture], material.flags, fragment.uv, uv_dx, uv_dy).a;
+            let record = texture_records[material.texture];
+            let lod = texture_lod(record, uv_dx, uv_dy);
+            let cut = mask_cutoff(material, lod);
+            cutoff = cut.x;
+            alpha *= mask_alpha(record, material.flags, fragment.uv, uv_dx, uv_dy, lod, cut.y);
         }
-        if alpha < material.alpha_cutoff {
+        // A fragment whose alpha equals the cutoff is kept.
+        if alpha + ALPHA_SLACK < cutoff {
             return;
         }
     }

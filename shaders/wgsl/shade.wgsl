@@ -21,6 +21,7 @@
 // As long as the visbuffer in overdraw mode; else any length.
 @group(0) @binding(9) var<storage, read> fragment_counts: array<u32>;
 @group(0) @binding(10) var<storage, read_write> color: array<u32>;
+@group(0) @binding(11) var<storage, read_write> counters: Counters;
 
 // ShadeMode of types.rs.
 const MODE_SHADED: u32 = 0u;
@@ -41,7 +42,30 @@ fn shade(@builtin(global_invocation_id) pixel: vec3<u32>) {
         return;
     }
     let index = pixel.y * view.size_px.x + pixel.x;
+    note_rounding(visbuffer[index], pixel.xy);
     color[index] = pixel_color(index, pixel.xy);
+}
+
+// Half the diagonal of a cell of the position grid, in steps.
+const ROUNDING_STEPS: f32 = 0.8660255;
+
+// The finest clusters show the rounding of the source. Where that is more than the pixel error, the
+// picture's error is it. Coarser clusters count it in their own error, which is below.
+fn note_rounding(word: vec2<u32>, pixel: vec2<u32>) {
+    if word.y == 0u {
+        return;
+    }
+    let instance = instances[visible[word.x >> TRIANGLE_BITS].instance];
+    let moved = ROUNDING_STEPS * assets[instance.asset].position_step * instance.max_scale;
+    let depth = view.near_metres / bitcast<f32>(word.y);
+    // Of the pixel's ray, as in `error_metric`.
+    let size = vec2<f32>(view.size_px);
+    let across = (vec2<f32>(pixel) + 0.5 - 0.5 * size) / view.pixels_at_one_metre;
+    let secant = sqrt(1.0 + across.x * across.x + across.y * across.y);
+    let px = moved * view.pixels_at_one_metre * secant / depth;
+    if px > view.pixel_error_px {
+        atomicMax(&counters.rounding_px_bits, bitcast<u32>(px));
+    }
 }
 
 fn pixel_color(index: u32, pixel: vec2<u32>) -> u32 {

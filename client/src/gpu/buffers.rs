@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use bytemuck::Pod;
 use lodestream_shaders::SceneArrays;
+use lodestream_shaders::cpu::error_metric::RequestWords;
 use lodestream_shaders::types::{
     ClusterItem, Counters, IndirectArgs, NodeItem, RequestRecord, TRIANGLE_BITS, View,
 };
@@ -161,7 +162,7 @@ impl Buffers {
                 .map(|buffer| by_name.insert(name, buffer))
         };
         let none = BufferUsages::empty();
-        frame("page_priority", pages * 4, none)?;
+        frame("page_priority", pages * size_of::<RequestWords>(), none)?;
         frame("requests", pages * size_of::<RequestRecord>(), none)?;
         frame("view", size_of::<View>(), none)?;
         frame("counters", size_of::<Counters>(), none)?;

@@ -134,10 +134,16 @@ impl Renderer {
     }
 
     /// Textures made elsewhere, under the names that the passes bind.
-    pub fn set_textures(&mut self, records: wgpu::Buffer, texels: wgpu::Buffer) {
+    pub fn set_textures(
+        &mut self,
+        records: wgpu::Buffer,
+        texels: wgpu::Buffer,
+        materials: wgpu::Buffer,
+    ) {
         self.unbind();
         self.buffers.replace("texture_records", records);
         self.buffers.replace("texels", texels);
+        self.buffers.replace("materials", materials);
     }
 
     fn unbind(&mut self) {

@@ -5,6 +5,7 @@ use std::io::Cursor;
 
 use image::{DynamicImage, ImageFormat, ImageReader};
 use jpeg_decoder::{Decoder, PixelFormat};
+use lodestream_shaders::cpu::Mips;
 
 use super::check_size;
 use super::rows::{Rows, shrunk};
@@ -15,7 +16,7 @@ const COEFFICIENT_BYTES: u64 = 1 << 30;
 /// Largest power of two by which transforms reduce.
 const MOST_STEP: u32 = 3;
 
-pub(super) fn mips(size: [u32; 2], file: &[u8], dropped: u32) -> Result<Vec<u32>, String> {
+pub(super) fn mips(size: [u32; 2], file: &[u8], dropped: u32) -> Result<Mips, String> {
     let frame = Frame::find(file).ok_or("expected a frame header, found none")?;
     check_size(size, frame.size)?;
     if frame.is_progressive && frame.coefficient_bytes > COEFFICIENT_BYTES {
@@ -29,7 +30,7 @@ pub(super) fn mips(size: [u32; 2], file: &[u8], dropped: u32) -> Result<Vec<u32>
     }
 }
 
-fn whole(size: [u32; 2], file: &[u8]) -> Result<Vec<u32>, String> {
+fn whole(size: [u32; 2], file: &[u8]) -> Result<Mips, String> {
     let mut reader = ImageReader::with_format(Cursor::new(file), ImageFormat::Jpeg);
     // The layout has room for it: what the file claims is what the scene says.
     reader.no_limits();
@@ -52,7 +53,7 @@ fn whole(size: [u32; 2], file: &[u8]) -> Result<Vec<u32>, String> {
     rows.finish()
 }
 
-fn reduced(size: [u32; 2], file: &[u8], dropped: u32) -> Result<Vec<u32>, String> {
+fn reduced(size: [u32; 2], file: &[u8], dropped: u32) -> Result<Mips, String> {
     let wrong = |error: jpeg_decoder::Error| error.to_string();
     let wanted_step = dropped.min(MOST_STEP);
     let mut decoder = Decoder::new(file);

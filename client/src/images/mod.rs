@@ -8,6 +8,7 @@ mod rows;
 
 use lodestream_format::ContentHash;
 use lodestream_format::scene::{MediaType, Texture};
+use lodestream_shaders::cpu::Mips;
 
 /// Bytes of all textures unless asked otherwise.
 pub const DEFAULT_TEXTURE_MEMORY_BYTES: u64 = 1 << 30;
@@ -50,12 +51,12 @@ pub fn admitted<'a>(
     textures.map(admit).collect()
 }
 
-/// The words of a texture's mips from mip `dropped` on, out of its image file. The texture is one
+/// A texture's mips from mip `dropped` on, out of its image file. The texture is one
 /// that was admitted.
 ///
 /// # Errors
 /// A line that says what the file is instead of what the scene says.
-pub fn mips(texture: &Texture, file: &[u8], dropped: u32) -> Result<Vec<u32>, String> {
+pub fn mips(texture: &Texture, file: &[u8], dropped: u32) -> Result<Mips, String> {
     let size = [texture.width, texture.height];
     match texture.media_type {
         MediaType::Png => png::mips(size, file, dropped),

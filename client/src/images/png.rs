@@ -3,7 +3,7 @@
 
 use std::io::Cursor;
 
-use lodestream_shaders::cpu::mip_chain;
+use lodestream_shaders::cpu::{Mips, mip_chain};
 use png::{BitDepth, ColorType, Decoder, Limits, Reader, Transformations};
 
 use super::check_size;
@@ -27,7 +27,7 @@ const MOST_STEP: u32 = 3;
 
 type Source<'a> = Reader<Cursor<&'a [u8]>>;
 
-pub(super) fn mips(size: [u32; 2], file: &[u8], dropped: u32) -> Result<Vec<u32>, String> {
+pub(super) fn mips(size: [u32; 2], file: &[u8], dropped: u32) -> Result<Mips, String> {
     let wrong = |error: png::DecodingError| error.to_string();
     let limits = Limits { bytes: CHUNK_BYTES };
     let mut decoder = Decoder::new_with_limits(Cursor::new(file), limits);
@@ -44,7 +44,7 @@ pub(super) fn mips(size: [u32; 2], file: &[u8], dropped: u32) -> Result<Vec<u32>
     }
 }
 
-fn rows(mut reader: Source<'_>, size: [u32; 2], dropped: u32) -> Result<Vec<u32>, String> {
+fn rows(mut reader: Source<'_>, size: [u32; 2], dropped: u32) -> Result<Mips, String> {
     let kind = reader.output_color_type();
     let mut rows = Rows::new(size, dropped);
     while let Some(row) = reader.next_row().map_err(|error| error.to_string())? {
@@ -53,7 +53,7 @@ fn rows(mut reader: Source<'_>, size: [u32; 2], dropped: u32) -> Result<Vec<u32>
     rows.finish()
 }
 
-fn passes(mut reader: Source<'_>, size: [u32; 2], dropped: u32) -> Result<Vec<u32>, String> {
+fn passes(mut reader: Source<'_>, size: [u32; 2], dropped: u32) -> Result<Mips, String> {
     let kind = reader.output_color_type();
     let step = dropped.min(MOST_STEP);
     let thin = shrunk(size, step);

@@ -1,6 +1,6 @@
 //! Rows of an image on their way into its mips, band by band.
 
-use lodestream_shaders::cpu::MipRows;
+use lodestream_shaders::cpu::{MipRows, Mips};
 
 /// Bytes of a band of rows, about.
 const BAND_BYTES: usize = 1 << 20;
@@ -37,8 +37,8 @@ impl Rows {
         self.band.clear();
     }
 
-    /// The words of all mips, once every row came.
-    pub(super) fn finish(mut self) -> Result<Vec<u32>, String> {
+    /// All mips, once every row came.
+    pub(super) fn finish(mut self) -> Result<Mips, String> {
         self.flush();
         match self.mips.missing_rows() {
             0 => Ok(self.mips.finish()),

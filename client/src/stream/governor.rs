@@ -1,9 +1,10 @@
 //! Raises the pixel error until what the camera wants fits the pool, and lowers it again when there is room.
 //!
-//! A page is requested just where its priority exceeds the pixel error, so the requests of one update say exactly which
-//! pixel error would fit: the priority of the first page that finds no slot. Raising takes one step. Lowering has to
-//! probe, since nothing below the shown pixel error is requested; a probe that overflowed is not repeated before the
-//! view has changed. So a still camera settles: between two changes of the view there are finitely many probes.
+//! A page is requested just where its error exceeds the pixel error, so the requests of one update
+//! say exactly which pixel error would fit: the error of the first page that finds no slot. Raising
+//! takes one step. Lowering has to probe, since nothing below the shown pixel error is requested; a
+//! probe that overflowed is not repeated before the view has changed. So a still camera settles:
+//! between two changes of the view there are finitely many probes.
 //!
 //! The caller says when the view changes; where it does not, a change is told from the pages above the shown pixel error,
 //! which sees nothing where there are none.
@@ -43,11 +44,12 @@ struct Overflow {
     look: Look,
 }
 
-/// Number and priorities of the pages above a pixel error: the same for a still camera, whatever is shown below.
+/// Number and errors of the pages above a pixel error: the same for a still camera, whatever is
+/// shown below.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Look {
     pages: f64,
-    log_priorities: f64,
+    log_errors: f64,
 }
 
 /// Relative change of a [`Look`] that makes it another view.
@@ -138,9 +140,9 @@ impl Governor {
     }
 
     fn raise(&mut self, wants: &[Want], slots: usize) {
-        let mut priorities: Vec<f32> = wants.iter().map(|want| want.priority_px).collect();
+        let mut errors: Vec<f32> = wants.iter().map(|want| want.error_px).collect();
         let fitting = slots - slots / 16;
-        let (_, first_out, _) = priorities.select_nth_unstable_by(fitting, |a, b| b.total_cmp(a));
+        let (_, first_out, _) = errors.select_nth_unstable_by(fitting, |a, b| b.total_cmp(a));
         let raised_px = (*first_out * 1.001).max(self.shown_px.next_up());
         self.overflow = Some(Overflow {
             at_px: self.shown_px,
@@ -174,25 +176,22 @@ impl Governor {
 }
 
 fn above(wants: &[Want], px: f32) -> impl Iterator<Item = &Want> {
-    wants.iter().filter(move |want| want.priority_px > px)
+    wants.iter().filter(move |want| want.error_px > px)
 }
 
 impl Look {
     fn of(wants: &[Want], above_px: f32) -> Self {
-        let (mut pages, mut log_priorities) = (0.0, 0.0);
+        let (mut pages, mut log_errors) = (0.0, 0.0);
         for want in above(wants, above_px) {
             pages += 1.0;
-            log_priorities += (1.0 + want.priority_px as f64).log2();
+            log_errors += (1.0 + want.error_px as f64).log2();
         }
-        Self {
-            pages,
-            log_priorities,
-        }
+        Self { pages, log_errors }
     }
 
     fn resembles(&self, other: &Look) -> bool {
         let near = |a: f64, b: f64| (a - b).abs() <= VIEW_CHANGE * b.abs();
-        near(self.pages, other.pages) && near(self.log_priorities, other.log_priorities)
+        near(self.pages, other.pages) && near(self.log_errors, other.log_errors)
     }
 }
 
@@ -200,15 +199,19 @@ impl Look {
 mod tests {
     use super::*;
 
-    /// A still camera over pages of the given priorities, its requests read back `lag` updates late.
-    fn run(governor: &mut Governor, priorities: &[f32], slots: usize, lag: usize, updates: usize) {
+    /// A still camera over pages of the given errors, its requests read back `lag` updates late.
+    fn run(governor: &mut Governor, errors: &[f32], slots: usize, lag: usize, updates: usize) {
         let mut asked = vec![governor.shown_px(); lag + 1];
         for update in 0..updates {
             let px = asked[update % asked.len()];
             let wants: Vec<Want> = (0..)
-                .zip(priorities)
-                .filter(|&(_, &priority_px)| priority_px > px)
-                .map(|(page, &priority_px)| Want { page, priority_px })
+                .zip(errors)
+                .filter(|&(_, &error_px)| error_px > px)
+                .map(|(page, &error_px)| Want {
+                    page,
+                    error_px,
+                    priority_px: error_px,
+                })
                 .collect();
             let threshold = governor.step(&wants, slots).unwrap_or(0.0);
             assert!(
@@ -250,7 +253,8 @@ mod tests {
 
     #[test]
     fn a_step_that_never_fits_is_probed_once() {
-        // A wall seen head on: everything has the same priority, so either nothing or too much is wanted.
+        // A wall seen head on: everything has the same error, so either nothing or too much is
+        // wanted.
         let mut governor = Governor::new(PixelErrorControl::Governed, 1.0, 8);
         run(&mut governor, &[5.0; 1000], 100, 4, 300);
         let shown_px = governor.shown_px();

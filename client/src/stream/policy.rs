@@ -12,7 +12,7 @@ pub struct Candidate {
     pub page: u32,
     /// The update that wanted it last; 0 if none did.
     pub last_wanted_update: u64,
-    /// Projected error that it removed then, pixels.
+    /// Projected errors that it removed then, summed over instances, pixels.
     pub priority_px: f32,
     /// Bytes that fetching it again takes.
     pub frame_bytes: u32,

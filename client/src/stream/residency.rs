@@ -233,7 +233,7 @@ impl<Form: PageForm> Residency<Form> {
         let (mut wants, ignored) = self.closure.close(requests, &self.pages);
         self.stats.ignored_requests += ignored;
         if let Some(threshold_px) = self.governor.step(&wants, self.layout.slot_count as usize) {
-            wants.retain(|want| want.priority_px > threshold_px);
+            wants.retain(|want| want.error_px > threshold_px);
         }
         let records = &self.records;
         admit(&mut wants, self.layout.slot_count as usize, |page| {
@@ -255,7 +255,10 @@ impl<Form: PageForm> Residency<Form> {
     /// Marks what is wanted now, and forgets what was wanted before and was not yet asked for.
     fn want(&mut self, wants: &[Want]) {
         let before = std::mem::take(&mut self.missing);
-        for &Want { page, priority_px } in wants {
+        for &Want {
+            page, priority_px, ..
+        } in wants
+        {
             self.policy.wanted(page, priority_px, self.update_count);
             let record = &mut self.records[page as usize];
             record.wanted_update = self.update_count;

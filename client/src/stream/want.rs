@@ -1,5 +1,8 @@
 //! What one update wants: the streaming requests, closed under dependencies, no more than the pool has slots for.
 
+use lodestream_shaders::cpu::error_metric::PRIORITY_UNITS_A_PX;
+use lodestream_shaders::types::RequestRecord;
+
 use super::scene_pages::ScenePages;
 
 /// A streaming request as the GPU writes it and the host reads it back.
@@ -7,19 +10,32 @@ use super::scene_pages::ScenePages;
 pub struct StreamingRequest {
     /// Scene-wide page.
     pub page: u32,
-    /// Projected error that the page removes, pixels.
+    /// Largest projected error that the page removes anywhere, pixels: what the pixel error bounds.
+    pub error_px: f32,
+    /// Projected errors that it removes, summed over groups and instances, pixels: what orders.
     pub priority_px: f32,
+}
+
+impl From<&RequestRecord> for StreamingRequest {
+    fn from(record: &RequestRecord) -> Self {
+        Self {
+            page: record.page,
+            error_px: record.error_px,
+            priority_px: record.priority as f32 / PRIORITY_UNITS_A_PX,
+        }
+    }
 }
 
 /// A page that is wanted, by itself or by one that depends on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Want {
     pub(crate) page: u32,
-    /// Never smaller than that of any wanted page that depends on it.
+    /// Neither is smaller than that of any wanted page that depends on it.
+    pub(crate) error_px: f32,
     pub(crate) priority_px: f32,
 }
 
-/// Larger priorities count as this: arithmetic on them stays finite.
+/// Larger errors and priorities count as this: arithmetic on them stays finite.
 const MAX_PRIORITY_PX: f32 = 1e30;
 
 /// How much larger a newcomer's priority must be than that of a wanted page whose slot it takes: without this, two pages
@@ -29,6 +45,7 @@ const HYSTERESIS: f32 = 0.9;
 /// Scratch for closing requests, kept between updates.
 #[derive(Debug, Clone)]
 pub(crate) struct Closure {
+    error_px: Vec<f32>,
     priority_px: Vec<f32>,
     /// A bit a page.
     wanted: Vec<u64>,
@@ -37,13 +54,14 @@ pub(crate) struct Closure {
 impl Closure {
     pub(crate) fn new(page_count: u32) -> Self {
         Self {
+            error_px: vec![0.0; page_count as usize],
             priority_px: vec![0.0; page_count as usize],
             wanted: vec![0; page_count.div_ceil(64) as usize],
         }
     }
 
     /// The requested pages and all that they depend on, root pages left out, ascending; and how many requests were not
-    /// pages of the scene or had a priority that is no number.
+    /// pages of the scene or had an error or a priority that is no number.
     pub(crate) fn close(
         &mut self,
         requests: &[StreamingRequest],
@@ -51,13 +69,15 @@ impl Closure {
     ) -> (Vec<Want>, u64) {
         let mut ignored = 0;
         for request in requests {
-            if request.page >= pages.count() || request.priority_px.is_nan() {
+            let has_nan = request.error_px.is_nan() || request.priority_px.is_nan();
+            if request.page >= pages.count() || has_nan {
                 ignored += 1;
             } else if !pages.is_root(request.page) {
-                self.raise(
-                    request.page,
-                    request.priority_px.clamp(0.0, MAX_PRIORITY_PX),
-                );
+                self.raise(Want {
+                    page: request.page,
+                    error_px: request.error_px.clamp(0.0, MAX_PRIORITY_PX),
+                    priority_px: request.priority_px.clamp(0.0, MAX_PRIORITY_PX),
+                });
             }
         }
         // Dependencies have smaller numbers, so one pass downward meets every page after all that depend on it.
@@ -67,11 +87,17 @@ impl Closure {
                 let bit = 63 - self.wanted[word].leading_zeros();
                 self.wanted[word] &= !(1 << bit);
                 let page = word as u32 * 64 + bit;
-                let priority_px = self.priority_px[page as usize];
-                self.priority_px[page as usize] = 0.0;
-                wants.push(Want { page, priority_px });
+                let want = Want {
+                    page,
+                    error_px: std::mem::take(&mut self.error_px[page as usize]),
+                    priority_px: std::mem::take(&mut self.priority_px[page as usize]),
+                };
+                wants.push(want);
                 for &dependency in pages.dependencies(page) {
-                    self.raise(dependency, priority_px);
+                    self.raise(Want {
+                        page: dependency,
+                        ..want
+                    });
                 }
             }
         }
@@ -79,10 +105,11 @@ impl Closure {
         (wants, ignored)
     }
 
-    fn raise(&mut self, page: u32, priority_px: f32) {
-        self.wanted[page as usize / 64] |= 1 << (page % 64);
-        let own = &mut self.priority_px[page as usize];
-        *own = own.max(priority_px);
+    fn raise(&mut self, want: Want) {
+        let page = want.page as usize;
+        self.wanted[page / 64] |= 1 << (page % 64);
+        self.error_px[page] = self.error_px[page].max(want.error_px);
+        self.priority_px[page] = self.priority_px[page].max(want.priority_px);
     }
 }
 
@@ -110,7 +137,11 @@ mod tests {
     fn wants(priorities: &[f32]) -> Vec<Want> {
         let numbered = priorities.iter().zip(10..);
         numbered
-            .map(|(&priority_px, page)| Want { page, priority_px })
+            .map(|(&priority_px, page)| Want {
+                page,
+                error_px: 1.0,
+                priority_px,
+            })
             .collect()
     }
 

@@ -15,7 +15,6 @@ use winit::window::{Window, WindowId};
 use super::ViewOptions;
 use super::navigation::Navigation;
 use super::overlay::TextBox;
-use crate::camera::framing;
 use crate::error::ClientError;
 use crate::gpu::{self, Gpu, GpuError, Work};
 use crate::opening::SessionOptions;
@@ -222,11 +221,8 @@ impl Opened {
         let mut session = Session::on(&gpu, &session_options)?;
         session.set_mode(options.session.mode)?;
         session.time_frames();
-        let radius = session
-            .arrays()
-            .bounds_in_world()
-            .map_or(1.0, |(_, radius)| radius);
-        let home = Navigation::new(framing(session.arrays(), size_px), radius);
+        let radius = session.subject().radius_metres;
+        let home = Navigation::new(session.framing(size_px), radius);
         let navigation = options
             .camera
             .map_or(home, |pose| Navigation::new(pose.camera(size_px), radius));
@@ -380,7 +376,7 @@ impl Opened {
                 "{}  {mode}  {:.1} ms  {:.2} px of {:.2} asked",
                 self.session.scene_name(),
                 self.smooth_ms,
-                self.session.pixel_error(),
+                self.session.pixel_error_shown(),
                 stats.pixel_error_asked
             ),
             format!(

@@ -199,7 +199,9 @@ impl TestScene {
         let textures = &self.scene.textures;
         if !textures.is_empty() {
             let admitted = vec![Ok(()); textures.len()];
-            let mut upload = TextureUpload::new(gpu, textures, &admitted, 1 << 30).unwrap();
+            let materials = &self.arrays.materials;
+            let mut upload =
+                TextureUpload::new(gpu, textures, &admitted, materials, 1 << 30).unwrap();
             for (index, file) in self.images.iter().enumerate() {
                 upload.put(index, file).unwrap();
             }

@@ -453,32 +453,30 @@ impl MadeScene {
                 let seen = !half || group.lod_center[0] + at + group.lod_radius > eye[0];
                 if seen && error_px > pixel_error_px {
                     for page in group.pages() {
-                        let most = priorities.entry(opened.page_base + page).or_insert(0.0f32);
-                        *most = most.max(error_px);
+                        let page = opened.page_base + page;
+                        let (most, sum) = priorities.entry(page).or_insert((0.0f32, 0.0f32));
+                        (*most, *sum) = (most.max(error_px), *sum + error_px);
                     }
                 }
             }
         }
         priorities
             .into_iter()
-            .map(|(page, priority_px)| StreamingRequest { page, priority_px })
+            .map(|(page, (error_px, priority_px))| StreamingRequest {
+                page,
+                error_px,
+                priority_px,
+            })
             .collect()
     }
 }
 
 /// Monotone toward the root, as spheres nest and errors grow.
 pub fn projected_px(group: &Group, eye: [f32; 3], asset_at: f32) -> f32 {
-    let center = group.lod_center;
-    let offset = [
-        center[0] + asset_at - eye[0],
-        center[1] - eye[1],
-        center[2] - eye[2],
-    ];
-    let distance = offset
-        .iter()
-        .map(|value| (value * value) as f64)
-        .sum::<f64>()
-        .sqrt();
+    let [x, y, z] = group.lod_center;
+    let offset = [x + asset_at - eye[0], y - eye[1], z - eye[2]];
+    let squared = offset.map(|value| (value * value) as f64);
+    let distance = squared.iter().sum::<f64>().sqrt();
     let depth = (distance - group.lod_radius as f64).max(0.1);
     (group.parent_error_metres as f64 * 1000.0 / depth) as f32
 }

@@ -4,8 +4,8 @@ use lodestream_format::hierarchy::{Child, Group, LEAF_FLAG, NO_CHILD};
 
 use super::append;
 use super::error_metric::{
-    NODE_LEVEL, error_wanted, group_installed, group_projected_px, priority_bits,
-    projected_error_px,
+    NODE_LEVEL, RequestWords, add_request, error_wanted, group_installed, group_projected_px,
+    priority_units, projected_error_px, request_bits,
 };
 use super::view::{GROUP_SLACK, NODE_SLACK, aabb_in_frustum};
 use crate::arrays::SceneArrays;
@@ -18,8 +18,8 @@ pub struct NodeOutput<'a> {
     pub node_queue_out: &'a mut Vec<NodeItem>,
     /// Clusters of the groups that may refine.
     pub candidates: &'a mut Vec<ClusterItem>,
-    /// Bits of the most urgent request, a word a page of the scene.
-    pub page_priority: &'a mut [u32],
+    /// Requests for each page of the scene.
+    pub page_priority: &'a mut [RequestWords],
     /// The frame's counters.
     pub counters: &'a mut Counters,
 }
@@ -97,10 +97,11 @@ fn visit_group(
     let error = group.parent_error_metres;
     let exact_px = group_projected_px(view, group, instance, group.level as f32);
     if error_wanted(view, error, exact_px) {
-        let priority = priority_bits(error, exact_px);
+        let bits = request_bits(error, exact_px);
+        let units = priority_units(error, exact_px, view.size_px);
         for page in group.pages() {
-            let word = &mut output.page_priority[(asset.page_base + page) as usize];
-            *word = (*word).max(priority);
+            let words = &mut output.page_priority[(asset.page_base + page) as usize];
+            add_request(words, bits, units);
         }
     }
     let loose_px = group_projected_px(view, group, instance, (group.level + 1) as f32);

@@ -15,8 +15,8 @@ pub struct Culled {
     pub visible: Vec<ClusterItem>,
     /// Clusters that `cull_clusters` looked at.
     pub candidates: Vec<ClusterItem>,
-    /// Pages wanted, installed or not, by page number. The pixel error that is shown is the largest priority among pages
-    /// that are not installed, or the one asked for where there are none.
+    /// Pages wanted, installed or not, by page number. The pixel error that is shown is the largest
+    /// error among pages that are not installed, or the one asked for where there are none.
     pub requests: Vec<RequestRecord>,
     /// As the GPU leaves them after [`SceneArrays::depth`] rounds of nodes.
     pub counters: Counters,
@@ -51,7 +51,7 @@ pub fn requests_only(arrays: &SceneArrays, view: &View) -> (Vec<RequestRecord>, 
 
 fn cull_hierarchy(arrays: &SceneArrays, view: &View, page_table: &[u32]) -> Culled {
     let mut culled = Culled::default();
-    let mut page_priority = vec![0; arrays.page_count as usize];
+    let mut page_priority = vec![[0; 2]; arrays.page_count as usize];
     let (mut node_queue_in, mut node_queue_out) = (Vec::new(), Vec::new());
     cull_instances(arrays, view, &mut culled.counters, &mut node_queue_out);
     for _ in 0..arrays.depth {

@@ -5,7 +5,9 @@ use lodestream_format::cluster_view::ClusterView;
 use lodestream_format::hierarchy::Group;
 
 use super::cull_clusters::{cluster_in_frustum, in_cut};
-use super::error_metric::{error_wanted, group_installed, group_projected_px, priority_bits};
+use super::error_metric::{
+    add_request, error_wanted, group_installed, group_projected_px, priority_units, request_bits,
+};
 use super::view::{GROUP_SLACK, aabb_in_frustum};
 use crate::arrays::SceneArrays;
 use crate::types::{ClusterItem, RequestRecord, View};
@@ -56,7 +58,7 @@ pub fn requests_brute(
     view: &View,
     group_aabbs: &[Aabb],
 ) -> Vec<RequestRecord> {
-    let mut priorities = vec![0u32; arrays.page_count as usize];
+    let mut priorities = vec![[0u32; 2]; arrays.page_count as usize];
     for instance in &arrays.instances {
         let asset = &arrays.assets[instance.asset as usize];
         for (number, group) in groups_of(arrays, instance.asset).iter().enumerate() {
@@ -66,9 +68,10 @@ pub fn requests_brute(
             let error = group.parent_error_metres;
             let px = group_projected_px(view, group, instance, group.level as f32);
             if seen && error_wanted(view, error, px) {
+                let units = priority_units(error, px, view.size_px);
                 for page in group.pages() {
-                    let word = &mut priorities[(asset.page_base + page) as usize];
-                    *word = (*word).max(priority_bits(error, px));
+                    let words = &mut priorities[(asset.page_base + page) as usize];
+                    add_request(words, request_bits(error, px), units);
                 }
             }
         }
@@ -76,11 +79,12 @@ pub fn requests_brute(
     let wanted = priorities
         .iter()
         .enumerate()
-        .filter(|&(_, &priority)| priority != 0);
+        .filter(|&(_, &[error_bits, _])| error_bits != 0);
     wanted
-        .map(|(page, &priority)| RequestRecord {
+        .map(|(page, &[error_bits, priority])| RequestRecord {
             page: page as u32,
-            priority_px: f32::from_bits(priority),
+            error_px: f32::from_bits(error_bits),
+            priority,
         })
         .collect()
 }

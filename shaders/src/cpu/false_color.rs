@@ -1,16 +1,11 @@
 //! Colours of the diagnostic pictures, sRGB bytes in a word. Twin of `wgsl/shared/false_color.wgsl`, exact.
 
+use super::hash::hash;
+
 /// Pixels that nothing covers.
 pub const EMPTY_COLOR: u32 = 0xff1c_1818;
 /// Drawn by the hardware rasterizer.
 pub const HARDWARE_COLOR: u32 = 0xff3c_8ce6;
-
-/// PCG's output hash (Jarzynski and Olano, "Hash functions for GPU rendering", 2020).
-pub fn hash(value: u32) -> u32 {
-    let state = value.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
-    (word >> 22) ^ word
-}
 
 fn opaque([red, green, blue]: [u32; 3]) -> u32 {
     red | green << 8 | blue << 16 | 0xff00_0000

@@ -3,8 +3,9 @@
 
 use rayon::prelude::*;
 
+use super::mask_cutoffs::AlphaCounts;
 use super::srgb::{byte_from_unit, linear_from_byte, srgb_from_linear};
-use super::texture::{halved, mip_count, texels};
+use super::texture::{Mips, halved, mip_count, texels};
 
 /// RGBA in linear light, not rounded.
 type Texel = [f32; 4];
@@ -17,6 +18,7 @@ pub struct MipRows {
     size: [u32; 2],
     dropped: u32,
     words: Vec<u32>,
+    alpha_counts: AlphaCounts,
     /// Where the next row of mip 0 goes.
     next_word: usize,
     rows: u32,
@@ -65,6 +67,7 @@ impl MipRows {
             size,
             dropped,
             words: vec![0; next_word],
+            alpha_counts: AlphaCounts::default(),
             next_word: 0,
             rows: 0,
             levels,
@@ -75,6 +78,7 @@ impl MipRows {
     pub fn push(&mut self, rgba: &[u8]) {
         self.rows += (rgba.len() / 4 / self.size[0] as usize) as u32;
         debug_assert!(self.rows <= self.size[1]);
+        self.alpha_counts.add(rgba);
         if self.dropped == 0 {
             let words = &mut self.words[self.next_word..];
             for (word, texel) in words.iter_mut().zip(rgba.chunks_exact(4)) {
@@ -108,9 +112,12 @@ impl MipRows {
         self.size[1] - self.rows
     }
 
-    /// The words, once all rows came: mip after mip, the largest first.
-    pub fn finish(self) -> Vec<u32> {
-        self.words
+    /// The mips, once all rows came.
+    pub fn finish(self) -> Mips {
+        Mips {
+            words: self.words,
+            alpha_counts: self.alpha_counts,
+        }
     }
 }
 
@@ -195,7 +202,7 @@ mod tests {
 
     fn noise(width: u32, height: u32) -> Vec<u8> {
         (0..width * height * 4)
-            .map(|index| (super::super::false_color::hash(index) >> 9) as u8)
+            .map(|index| (super::super::hash::hash(index) >> 9) as u8)
             .collect()
     }
 
@@ -233,6 +240,7 @@ mod tests {
         fn bands_and_dropped_mips_change_nothing(width in 1u32..40, height in 1u32..40, band in 1usize..9, dropped in 0u32..6) {
             let rgba = noise(width, height);
             let whole = mip_chain([width, height], &rgba, 0);
+            let (whole, counts) = (whole.words, whole.alpha_counts);
             let dropped = dropped.min(mip_count([width, height]) - 1);
             let mut rows = MipRows::new([width, height], dropped);
             for band in rgba.chunks(4 * width as usize * band) {
@@ -243,8 +251,10 @@ mod tests {
                 prop_assert!(held <= 6 * width as usize + 64, "{held} texels held");
             }
             prop_assert_eq!(rows.missing_rows(), 0);
-            let words = rows.finish();
+            let mips = rows.finish();
+            let words = &mips.words;
             prop_assert_eq!(&words[..], &whole[whole.len() - words.len()..]);
+            prop_assert_eq!(mips.alpha_counts, counts);
         }
     }
 }

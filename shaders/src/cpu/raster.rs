@@ -8,7 +8,8 @@ use rayon::prelude::*;
 
 use super::barycentric::Barycentric;
 use super::fetch_vertex::{VisibleCluster, visbuffer_word};
-use super::sample_texture::sample_material;
+use super::mask_cutoffs::{ALPHA_SLACK, VERTEX_ALPHA_SLACK};
+use super::sample_texture::sample_mask;
 use super::scan::{Fragment, scan_triangle};
 use super::texture::Textures;
 use crate::SceneArrays;
@@ -55,9 +56,9 @@ pub fn raster_masked(
             let masked = material.flags & material_flag::MASK != 0;
             if (one_sided && !front)
                 || (masked
-                    && alpha_at(
+                    && is_cut(
                         cluster, triangle, material, textures, corners, view, &fragment,
-                    ) < material.alpha_cutoff)
+                    ))
             {
                 return;
             }
@@ -121,9 +122,10 @@ fn for_each_triangle(
     });
 }
 
-/// Alpha of a masked material at a fragment. The GPU takes the texture's footprint from neighbouring fragments, this from
-/// the analytic derivatives; they agree but for the rounding of the mip.
-fn alpha_at(
+/// Whether a masked material hides a fragment. The GPU takes the texture's footprint from
+/// neighbouring fragments, this from the analytic derivatives; they agree but for the rounding of
+/// the mip.
+fn is_cut(
     cluster: &VisibleCluster<'_>,
     triangle: u32,
     material: &MaterialRecord,
@@ -131,26 +133,24 @@ fn alpha_at(
     corners: [Vec4; 3],
     view: &View,
     fragment: &Fragment,
-) -> f32 {
+) -> bool {
     let (ndc, pixel_in_ndc) = pixel_center_in_ndc(view, fragment.x, fragment.y);
     let place = Barycentric::at(corners, ndc, pixel_in_ndc);
     let vertices = cluster.cluster.triangle(triangle);
     let mut alpha = material.base_color[3];
     if let [Some(a), Some(b), Some(c)] = vertices.map(|vertex| cluster.cluster.color(vertex)) {
-        alpha *= Vec3::from([a, b, c].map(|color| color[3] as f32 / 255.0)).dot(place.weights);
+        let of = |color: [u8; 4]| match color[3] {
+            0 => 0.0,
+            alpha => (alpha as f32 / 255.0 + VERTEX_ALPHA_SLACK).min(1.0),
+        };
+        alpha *= Vec3::from([a, b, c].map(of)).dot(place.weights);
     }
     let uv = vertices.map(|vertex| cluster.cluster.uv(vertex).unwrap_or([0; 2]));
     let uv = uv.map(|uv| Vec2::from(uv.map(|value| value as f32)) * cluster.asset.uv_step);
     let at = |weights: Vec3| uv[0] * weights.x + uv[1] * weights.y + uv[2] * weights.z;
-    alpha
-        * sample_material(
-            textures,
-            material,
-            at(place.weights),
-            at(place.weights_dx),
-            at(place.weights_dy),
-        )
-        .w
+    let (dx, dy) = (at(place.weights_dx), at(place.weights_dy));
+    let (sampled, cutoff) = sample_mask(textures, material, at(place.weights), dx, dy);
+    alpha * sampled + ALPHA_SLACK < cutoff
 }
 
 /// The centre of a pixel, and the step to the next to the right and down.

@@ -2,9 +2,11 @@
 
 use glam::{Vec2, Vec4};
 
+use super::hash::hash;
+use super::mask_cutoffs::{ENTRIES_A_MIP, MASK_NOISE, MASK_SPREAD_PX};
 use super::srgb::linear_from_byte;
 use super::texture::Textures;
-use crate::types::{MaterialRecord, TextureRecord, material_flag};
+use crate::types::{MaterialRecord, NO_MASK_CUTOFFS, TextureRecord, material_flag};
 
 /// One mip in the texel words.
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +38,78 @@ pub fn sample_material(
     )
 }
 
+/// Alpha of a masked material at `uv`, before its texture transform, and the alpha that it cuts at;
+/// 1 for the first where it has no texture.
+pub fn sample_mask(
+    textures: &Textures,
+    material: &MaterialRecord,
+    uv: Vec2,
+    uv_dx: Vec2,
+    uv_dy: Vec2,
+) -> (f32, f32) {
+    let Some(record) = textures.records.get(material.texture as usize) else {
+        return (1.0, material.alpha_cutoff);
+    };
+    let uv = transform_uv(material, uv, 1.0);
+    let [dx, dy] = [uv_dx, uv_dy].map(|uv| transform_uv(material, uv, 0.0));
+    let lod = texture_lod(record, dx, dy);
+    let (cutoff, noise) = mask_cutoff(&textures.words, material, lod);
+    let at = [uv, dx, dy];
+    let alpha = mask_alpha(&textures.words, record, material.flags, at, lod, noise);
+    (alpha, cutoff)
+}
+
+/// Alpha of a mask at the transformed coordinates, which come with their changes to the right and
+/// down, with a share of noise; the WGSL says why it looks up four places.
+pub fn mask_alpha(
+    words: &[u32],
+    record: &TextureRecord,
+    flags: u32,
+    [uv, uv_dx, uv_dy]: [Vec2; 3],
+    lod: f32,
+    noise: f32,
+) -> f32 {
+    if lod <= 0.0 {
+        return sample_lod(words, record, flags, uv, 0.0).w;
+    }
+    let spread = MASK_SPREAD_PX * lod.min(1.0);
+    let mut sum = 0.0;
+    for tap in 0..4 {
+        let side = if tap & 1 != 0 { spread } else { -spread };
+        let other = if tap & 2 != 0 { spread } else { -spread };
+        sum += sample_lod(words, record, flags, uv + uv_dx * side + uv_dy * other, lod).w;
+    }
+    sum * 0.25 * (1.0 + noise * mask_noise(record, uv, lod as u32))
+}
+
+/// Share by which a texel's alpha counts as more; the WGSL says why.
+fn mask_noise(record: &TextureRecord, uv: Vec2, mip: u32) -> f32 {
+    let size = [record.width, record.height].map(|side| (side >> mip).max(1) as f32);
+    let texel = (uv * Vec2::from(size)).floor().as_ivec2();
+    let bits = hash(texel.x as u32 ^ hash(texel.y as u32));
+    MASK_NOISE * ((bits >> 8) as f32 / 16_777_216.0 - 0.5)
+}
+
+/// The alpha that a material cuts at, and the share of the noise in the alpha that it cuts.
+fn mask_cutoff(words: &[u32], material: &MaterialRecord, lod: f32) -> (f32, f32) {
+    if material.mask_cutoffs == NO_MASK_CUTOFFS {
+        return (material.alpha_cutoff, 0.0);
+    }
+    let place = lod * ENTRIES_A_MIP as f32;
+    let entry = |number: u32| {
+        let word = words.get((material.mask_cutoffs + number) as usize);
+        word.map_or(material.alpha_cutoff, |&bits| f32::from_bits(bits))
+    };
+    let parts = |entry: f32| (entry.abs(), if entry < 0.0 { 1.0 } else { 0.0 });
+    let (finer, share) = (parts(entry(place as u32)), place.fract());
+    if share == 0.0 {
+        return finer;
+    }
+    let coarser = parts(entry(place as u32 + 1));
+    let mix = |a: f32, b: f32| a * (1.0 - share) + b * share;
+    (mix(finer.0, coarser.0), mix(finer.1, coarser.1))
+}
+
 /// `point` is 1 for a point, 0 for a derivative.
 fn transform_uv(material: &MaterialRecord, uv: Vec2, point: f32) -> Vec2 {
     let row = |row: [f32; 3]| row[0] * uv.x + row[1] * uv.y + row[2] * point;
@@ -51,20 +125,33 @@ pub fn sample_texture(
     uv_dx: Vec2,
     uv_dy: Vec2,
 ) -> Vec4 {
+    sample_lod(words, record, flags, uv, texture_lod(record, uv_dx, uv_dy))
+}
+
+/// Mip that a footprint asks for, with what lies between two; 0 where a texel covers more than a
+/// pixel.
+pub fn texture_lod(record: &TextureRecord, uv_dx: Vec2, uv_dy: Vec2) -> f32 {
     let size = Vec2::new(record.width as f32, record.height as f32);
     let (across, down) = (uv_dx * size, uv_dy * size);
     let footprint = across.dot(across).max(down.dot(down));
-    let wrapped = wrap_uv(flags, uv);
     if footprint.is_nan() || footprint <= 1.0 {
+        return 0.0;
+    }
+    (0.5 * footprint.log2()).min((record.mip_count - 1) as f32)
+}
+
+/// Linear RGBA at the transformed `uv` in the mips around `lod`.
+pub fn sample_lod(words: &[u32], record: &TextureRecord, flags: u32, uv: Vec2, lod: f32) -> Vec4 {
+    let wrapped = wrap_uv(flags, uv);
+    if lod <= 0.0 {
         let mip = mip_of(record, 0);
         if flags & material_flag::NEAREST != 0 {
-            let at = (wrapped * size).floor();
+            let at = (wrapped * Vec2::new(record.width as f32, record.height as f32)).floor();
             return load_texel(words, mip, flags, at.x as i32, at.y as i32);
         }
         return sample_mip(words, mip, flags, wrapped);
     }
     let last = record.mip_count - 1;
-    let lod = (0.5 * footprint.log2()).min(last as f32);
     let mip = lod as u32;
     let fine = sample_mip(words, mip_of(record, mip), flags, wrapped);
     let share = lod - mip as f32;

@@ -3,8 +3,9 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::false_color::{EMPTY_COLOR, HARDWARE_COLOR, hash, hash_color, level_color, ramp_color};
+use super::false_color::{EMPTY_COLOR, HARDWARE_COLOR, hash_color, level_color, ramp_color};
 use super::fetch_vertex::VisibleCluster;
+use super::hash::hash;
 use super::light::{SKY_BOTTOM_SRGB, SKY_TOP_SRGB, light_surface, mix, tone};
 use super::srgb::{pack_color, srgb_from_linear};
 use super::surface::Surface;
@@ -52,6 +53,44 @@ pub fn shade(
             surface.map_or(EMPTY_COLOR, |surface| surface_color(view, &surface))
         })
         .collect()
+}
+
+/// Half the diagonal of a cell of the position grid, in steps.
+const ROUNDING_STEPS: f32 = 0.866_025_5;
+
+/// The most pixels that the rounding of a visible surface to its grid may show, where they are more
+/// than the pixel error; else zero. Its bits are [`Counters::rounding_px_bits`].
+///
+/// [`Counters::rounding_px_bits`]: crate::types::Counters::rounding_px_bits
+pub fn rounding_px(
+    visbuffer: &[u64],
+    visible: &[ClusterItem],
+    arrays: &SceneArrays,
+    view: &View,
+) -> f32 {
+    let [width, height] = view.size_px.map(|side| side as f32);
+    let rounding_of = |(index, &word): (usize, &u64)| {
+        let depth_bits = (word >> 32) as u32;
+        let item = visible.get((word as u32 >> TRIANGLE_BITS) as usize)?;
+        if depth_bits == 0 {
+            return None;
+        }
+        let instance = &arrays.instances[item.instance as usize];
+        let step_metres = arrays.assets[instance.asset as usize].position_step;
+        let moved = ROUNDING_STEPS * step_metres * instance.max_scale;
+        let depth = view.near_metres / f32::from_bits(depth_bits);
+        let row_length = view.size_px[0] as usize;
+        let [x, y] = [index % row_length, index / row_length].map(|place| place as f32 + 0.5);
+        let [x, y] = [x - 0.5 * width, y - 0.5 * height].map(|at| at / view.pixels_at_one_metre);
+        let secant = (1.0 + x * x + y * y).sqrt();
+        let px = moved * view.pixels_at_one_metre * secant / depth;
+        (px > view.pixel_error_px).then_some(px)
+    };
+    visbuffer
+        .iter()
+        .enumerate()
+        .filter_map(rounding_of)
+        .fold(0.0, f32::max)
 }
 
 fn surface_color(view: &View, surface: &Surface<'_>) -> u32 {

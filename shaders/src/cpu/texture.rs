@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 
 use rayon::prelude::*;
 
+use super::mask_cutoffs::AlphaCounts;
 use super::mip_rows::MipRows;
 use crate::types::TextureRecord;
 
@@ -13,13 +14,24 @@ const MOST_SIDE: u32 = 65_535;
 /// Rows that are reduced at once.
 const BAND_ROWS: usize = 64;
 
+/// An image's mips.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Mips {
+    /// Their words, the largest first.
+    pub words: Vec<u32>,
+    /// Alphas of the image that they were made of.
+    pub alpha_counts: AlphaCounts,
+}
+
 /// The texel buffer and where each texture lies in it.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Textures {
     /// One an image, in order.
     pub records: Vec<TextureRecord>,
-    /// RGBA, a byte a channel, red lowest; RGB in sRGB.
+    /// RGBA, a byte a channel, red lowest; RGB in sRGB. Tables of cutoffs behind them.
     pub words: Vec<u32>,
+    /// Alphas of each image.
+    pub alpha_counts: Vec<AlphaCounts>,
     /// What was left out to keep to the limit, one line a texture.
     pub notes: Vec<String>,
 }
@@ -82,16 +94,21 @@ pub fn build_textures(
         }
     }
     let layout = Layout::new(&sizes, limit_words)?;
-    let chains: Vec<Vec<u32>> = images
+    let chains: Vec<Mips> = images
         .par_iter()
         .zip(&layout.dropped_mips)
         .map(|((width, height, rgba), &dropped)| mip_chain([*width, *height], rgba, dropped))
         .collect();
-    Ok(Textures {
+    let mut textures = Textures {
         records: layout.records,
-        words: chains.concat(),
         notes: layout.notes,
-    })
+        ..Textures::default()
+    };
+    for mips in chains {
+        textures.words.extend(mips.words);
+        textures.alpha_counts.push(mips.alpha_counts);
+    }
+    Ok(textures)
 }
 
 impl Layout {
@@ -183,7 +200,7 @@ fn shrink_to_fit(
 }
 
 /// [`MipRows`] of an image that is in memory. `rgba` holds four bytes a texel.
-pub fn mip_chain(size: [u32; 2], rgba: &[u8], dropped: u32) -> Vec<u32> {
+pub fn mip_chain(size: [u32; 2], rgba: &[u8], dropped: u32) -> Mips {
     let mut rows = MipRows::new(size, dropped);
     for band in rgba.chunks(BAND_ROWS * 4 * size[0] as usize) {
         rows.push(band);
@@ -197,7 +214,7 @@ mod tests {
 
     fn noise(width: u32, height: u32) -> (u32, u32, Vec<u8>) {
         let rgba = (0..width * height * 4)
-            .map(|index| (super::super::false_color::hash(index) >> 9) as u8)
+            .map(|index| (super::super::hash::hash(index) >> 9) as u8)
             .collect();
         (width, height, rgba)
     }

@@ -163,6 +163,7 @@ impl Camera {
         };
         let scale_y = 1.0 / (0.5 * fov_y).to_radians().tan();
         let scale_x = scale_y / aspect(self.size_px);
+        let corner_secant = (1.0 + scale_x.powi(-2) + scale_y.powi(-2)).sqrt();
         let near_metres = near_metres.max(MIN_NEAR_METRES as f32);
         let column = |axis: usize| {
             [
@@ -206,7 +207,8 @@ impl Camera {
             node_capacity: 0,
             cluster_capacity: 0,
             request_capacity: 0,
-            spare: [0; 3],
+            corner_secant: lodestream_format::bounds::round_up(corner_secant),
+            spare: [0; 2],
         }
     }
 }
@@ -276,6 +278,14 @@ pub(crate) fn sum3(v: Vec3) -> f32 {
 
 pub(crate) fn dot3(a: Vec3, b: Vec3) -> f32 {
     a.x * b.x + a.y * b.y + a.z * b.z
+}
+
+pub(crate) fn cross3(a: Vec3, b: Vec3) -> Vec3 {
+    Vec3::new(
+        a.y * b.z - a.z * b.y,
+        a.z * b.x - a.x * b.z,
+        a.x * b.y - a.y * b.x,
+    )
 }
 
 /// Whether a local box touches the frustum, with `slack` for rounding. A box that is not finite passes.

@@ -1,4 +1,5 @@
 //! Random DAGs with everything that the culling passes read, made without the builder, and scenes of them.
+#![allow(dead_code, reason = "each test file uses its part")]
 
 use std::collections::BTreeSet;
 

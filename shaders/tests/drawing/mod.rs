@@ -7,8 +7,8 @@ use lodestream_format::{memory_form, octahedral};
 use lodestream_shaders::SceneArrays;
 use lodestream_shaders::cpu::{self, Camera, Textures};
 use lodestream_shaders::types::{
-    AssetRecord, ClusterItem, InstanceRecord, MaterialRecord, NO_TEXTURE, ShadeMode, View,
-    material_flag,
+    AssetRecord, ClusterItem, InstanceRecord, MaterialRecord, NO_MASK_CUTOFFS, NO_TEXTURE,
+    ShadeMode, View, material_flag,
 };
 
 /// Metres a grid step of [`cluster`].
@@ -116,7 +116,8 @@ pub const WHITE: MaterialRecord = MaterialRecord {
     flags: material_flag::DOUBLE_SIDED,
     metallic: 0.0,
     roughness: 1.0,
-    spare: [0; 2],
+    mask_cutoffs: NO_MASK_CUTOFFS,
+    spare: 0,
 };
 
 pub fn camera(eye: DVec3, target: DVec3) -> Camera {

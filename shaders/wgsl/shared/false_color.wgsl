@@ -1,11 +1,5 @@
 // Colours of the diagnostic pictures, sRGB bytes in a word as `color` holds them. Integers, so that GPU and twin agree exactly.
-
-// PCG's output hash (Jarzynski and Olano, "Hash functions for GPU rendering", 2020).
-fn hash(value: u32) -> u32 {
-    let state = value * 747796405u + 2891336453u;
-    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-    return (word >> 22u) ^ word;
-}
+#import hash
 
 fn opaque(red: u32, green: u32, blue: u32) -> u32 {
     return red | (green << 8u) | (blue << 16u) | 0xff000000u;

@@ -11,6 +11,7 @@ const MATERIAL_CLAMP_V: u32 = 32u;
 const MATERIAL_MIRROR_U: u32 = 64u;
 const MATERIAL_MIRROR_V: u32 = 128u;
 const NO_TEXTURE: u32 = 0xffffffffu;
+const NO_MASK_CUTOFFS: u32 = 0xffffffffu;
 
 fn material_of(asset: AssetRecord, cluster: Cluster, triangle: u32) -> u32 {
     return material_slots[asset.material_base + cluster_material_slot(cluster, triangle)];

@@ -18,9 +18,9 @@ struct View {
     node_capacity: u32,
     cluster_capacity: u32,
     request_capacity: u32,
+    corner_secant: f32,
     spare_0: u32,
     spare_1: u32,
-    spare_2: u32,
 }
 
 struct InstanceRecord {
@@ -92,7 +92,8 @@ struct ClusterItem {
 
 struct RequestRecord {
     page: u32,
-    priority_px: f32,
+    error_px: f32,
+    priority: u32,
 }
 
 struct Counters {
@@ -105,9 +106,9 @@ struct Counters {
     nodes_visited: atomic<u32>,
     triangles_drawn: atomic<u32>,
     node_count_max: atomic<u32>,
+    rounding_px_bits: atomic<u32>,
     spare_0: u32,
     spare_1: u32,
-    spare_2: u32,
 }
 
 struct IndirectArgs {
@@ -144,8 +145,8 @@ struct MaterialRecord {
     flags: u32,
     metallic: f32,
     roughness: f32,
-    spare_0: u32,
-    spare_1: u32,
+    mask_cutoffs: u32,
+    spare: u32,
 }
 
 struct TextureRecord {
