@@ -35,4 +35,6 @@ rm -f "$out"/*.pfm
 "$loadtests" pages "$out/belweder.glb" "$out/rock.glb" --report "$out/pages-all.json"
 "$loadtests" pages --generate torus:100000 --bits 10,11,12,13,14,15,16,17,18,19,20 --report "$out/pages-bits.json" --quiet
 "$loadtests" stability --report "$out/stability-all.json" || echo "some rows of the stability table do not hold"
+ROWS=made CLAIMS="$out/stability-scenes.json" loadtests/cases/__main__.py || echo "some generated scenes do not hold"
+loadtests/cases/sheets.py "$out"
 "$loadtests" report "$out"

@@ -7,7 +7,7 @@ use lodestream_loadtests::build::inputs::Generated;
 use lodestream_loadtests::build::rows::Builder;
 use lodestream_loadtests::build::target::{MeshesOf, Part};
 use lodestream_loadtests::pages::Step;
-use lodestream_loadtests::policies::PolicyName;
+use lodestream_loadtests::policies::{Order, PolicyName};
 use lodestream_loadtests::record::TraceFormat;
 use lodestream_server::build::Placement;
 
@@ -111,6 +111,10 @@ pub struct Policies {
     /// The pixel error that the viewers ask for.
     #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = positive)]
     pub pixel_error: f64,
+    /// By what pages are put in order: the error that they remove over all instances, or the
+    /// largest.
+    #[arg(long, value_enum, default_value = "total")]
+    pub order: Order,
     /// Write a page of plots and a table.
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
@@ -199,6 +203,21 @@ pub enum Sample {
         #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(8..))]
         unique: u32,
         /// Another number, another city.
+        #[arg(long, value_name = "S", default_value_t = 1)]
+        seed: u64,
+    },
+    /// One rock many times, and five others in front of it.
+    Crowd {
+        /// Where to write it.
+        #[arg(long, value_name = "FILE.glb")]
+        out: PathBuf,
+        /// Instances of the one rock.
+        #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+        instances: u32,
+        /// Triangles of each rock; the nearest 12 n² is made.
+        #[arg(long, value_name = "N", default_value_t = 60_000, value_parser = clap::value_parser!(u32).range(48..))]
+        triangles: u32,
+        /// Another number, other rocks.
         #[arg(long, value_name = "S", default_value_t = 1)]
         seed: u64,
     },
@@ -401,12 +420,13 @@ mod tests {
         let parses = |line: &str| Cli::try_parse_from(line.split(' ')).is_ok();
         for line in [
             "l policies --trace t --pool 8,12,16 --report r.json",
-            "l policies http://h --scene s --path p.json --pool 8 --policies lru,clairvoyant --viewers 3 --html x.html",
+            "l policies http://h --scene s --path p.json --pool 8 --policies lru,clairvoyant --viewers 3 --order largest --html x.html",
             "l record http://h --scene s --path p.json --trace t --format oracle-general",
             "l load http://h --viewers 24 --seconds 10 --report r.json",
             "l load http://h --scene s --viewers 2 --seconds 1.5 --bandwidth 10 --latency 40 --rate 30 --transport post",
             "l sample city --out c.glb --instances 100 --unique 8 --seed 2",
             "l sample rock --out r.glb --triangles 5000 --quiet",
+            "l sample crowd --out c.glb --instances 100 --triangles 5000 --seed 2",
             "l compare a.png b.png --depths a.pfm b.pfm --report r.json",
             "l report folder",
             "l build a.glb b.glb --threads 1,2 --report r.json",

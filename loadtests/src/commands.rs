@@ -182,7 +182,7 @@ fn measure_stability(full: bool, case: &str, common: &Common) -> Result<(), Comm
         0 => Ok(()),
         failed => Err(CommandError::Unstable {
             failed,
-            rows: table.rows.len(),
+            rows: table.rows.len() + table.claims.len(),
         }),
     }
 }
@@ -330,6 +330,7 @@ fn study(arguments: &Policies) -> Result<Value, CommandError> {
             bandwidth_mbps: arguments.bandwidth,
             latency_ms: arguments.latency,
         },
+        order: arguments.order,
     };
     let study = policies::study(&trace, &options)?;
     if let Some(file) = &arguments.html {
@@ -388,6 +389,12 @@ fn make_sample(sample: Sample) -> Result<Value, CommandError> {
             triangles,
             seed,
         } => (samples::rock(triangles, seed), out),
+        Sample::Crowd {
+            out,
+            instances,
+            triangles,
+            seed,
+        } => (samples::crowd(instances, triangles, seed), out),
     };
     glb.write(&out)?;
     Ok(json!({

@@ -42,6 +42,24 @@ impl Waits {
             p95: sorted.at(0.95)?,
         })
     }
+
+    /// Waits of which each counts as its weight; `None` where nothing waited.
+    pub fn weighted(mut waits: Vec<(f64, f64)>) -> Option<Self> {
+        waits.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let all: f64 = waits.iter().map(|(_, weight)| weight).sum();
+        let at = |share: f64| {
+            let mut passed = 0.0;
+            let reached = waits.iter().find(|(_, weight)| {
+                passed += weight;
+                passed >= share * all
+            });
+            reached.or(waits.last()).map(|(secs, _)| *secs)
+        };
+        Some(Self {
+            p50: at(0.5)?,
+            p95: at(0.95)?,
+        })
+    }
 }
 
 /// Milliseconds of requests.
@@ -99,5 +117,9 @@ mod tests {
             Some(Waits { p50: 3.0, p95: 3.0 })
         );
         assert_eq!(Waits::of(&Sorted::default()), None);
+        let waits = vec![(9.0, 1.0), (2.0, 90.0), (5.0, 9.0)];
+        let expected = Waits { p50: 2.0, p95: 5.0 };
+        assert_eq!(Waits::weighted(waits), Some(expected));
+        assert_eq!(Waits::weighted(vec![]), None);
     }
 }

@@ -136,7 +136,7 @@ fn references(trace: &Trace) -> Vec<Reference> {
     let fps = trace.header.fps.max(1);
     let of_frame = |frame: &TraceFrame| {
         let secs = frame.frame / fps;
-        let pages = frame.requests.iter().map(|&(page, _)| page);
+        let pages = frame.requests.iter().map(|&(page, ..)| page);
         let pages = pages.filter(|&page| !trace.header.pages[page as usize].root);
         let bytes = |page: u32| trace.header.pages[page as usize].bytes;
         pages
@@ -185,7 +185,7 @@ mod tests {
         };
         let frame = |frame, pages: &[u32]| TraceFrame {
             frame,
-            requests: pages.iter().map(|&page| (page, 4.0)).collect(),
+            requests: pages.iter().map(|&page| (page, 4.0, 8.0)).collect(),
         };
         Trace {
             header,

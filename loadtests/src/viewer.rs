@@ -39,11 +39,7 @@ impl ViewedScene {
         let view = camera.view(self.near_metres, pixel_error_px);
         let view = view.with_scene(&self.arrays, Capacities::UNBOUNDED);
         let (records, _) = requests_only(&self.arrays, &view);
-        let request = |record: &lodestream_shaders::types::RequestRecord| StreamingRequest {
-            page: record.page,
-            priority_px: record.priority_px,
-        };
-        records.iter().map(request).collect()
+        records.iter().map(Into::into).collect()
     }
 }
 

@@ -85,8 +85,12 @@ fn every_extreme_case_holds() {
         many: 3000,
     };
     let table = stability::table(sizes, "", &BuildOptions::default(), |_| ());
-    assert_eq!(table.passed + table.failed, table.rows.len());
+    let rows = table.rows.len() + table.claims.len();
+    assert_eq!(table.passed + table.failed, rows);
     assert!(table.rows.len() >= 20);
+    for claim in &table.claims {
+        assert!(claim.holds, "{claim:?}");
+    }
     for row in &table.rows {
         assert!(row.passed(), "{}: {:?}", row.case, row.faults);
     }

@@ -9,8 +9,8 @@ use lodestream_client::stream::{
 };
 use lodestream_client::trace::{TRACE_VERSION, Trace, TraceFrame, TraceHeader, TracePage};
 use lodestream_loadtests::policies::{
-    Future, LinkSpeed, PolicyName, Recorder, ReplayOptions, SimulatedPage, StudyOptions, replay,
-    study,
+    Future, LinkSpeed, Order, PolicyName, Recorder, ReplayOptions, SimulatedPage, StudyOptions,
+    replay, study,
 };
 use proptest::prelude::*;
 
@@ -43,7 +43,7 @@ fn flat_trace(pages: u32, views: &[BTreeSet<u32>]) -> Trace {
         .zip(0..);
     let frame = |(view, frame): (&BTreeSet<u32>, u32)| TraceFrame {
         frame,
-        requests: view.iter().map(|&page| (page, 8.0)).collect(),
+        requests: view.iter().map(|&page| (page, 8.0, 8.0)).collect(),
     };
     Trace {
         header,
@@ -57,6 +57,7 @@ fn options(slots: u64) -> ReplayOptions {
         pixel_error_px: 1.0,
         link: FAST,
         first_frame: 0,
+        order: Order::Total,
     }
 }
 
@@ -184,6 +185,7 @@ fn keeps_closure_and_bytes(policy: PolicyName, future: &Future, seed: u64) {
         let requests: Vec<StreamingRequest> = (0..3)
             .map(|_| StreamingRequest {
                 page: (center + random.below(12)) % 90,
+                error_px: 1.5 + random.below(20) as f32,
                 priority_px: 1.5 + random.below(20) as f32,
             })
             .collect();
@@ -263,6 +265,7 @@ fn figures_by_hand() {
         viewers: 1,
         pixel_error_px: 1.0,
         link: FAST,
+        order: Order::Total,
     };
     let found = study(&trace, &options).unwrap();
     let figures: Vec<_> = found
@@ -375,5 +378,44 @@ fn a_pool_below_its_least_is_refused_with_both_numbers() {
             .to_string()
             .starts_with("page pool: expected at least 524288 bytes"),
         "{error}"
+    );
+}
+
+/// Twenty pages sharpen a thousand instances by 2 px each, twenty others a single nearer one by 20
+/// px. The sum over all who gain removes the same error sooner.
+#[test]
+fn pages_of_many_instances_come_before_those_of_one_nearer() {
+    let mut trace = flat_trace(40, &[(0..40).collect()]);
+    trace.frames = (0..60)
+        .map(|frame| TraceFrame {
+            frame,
+            requests: (0..40u32)
+                .map(|page| match page < 20 {
+                    true => (page, 20.0, 20.0),
+                    false => (page, 2.0, 2000.0),
+                })
+                .collect(),
+        })
+        .collect();
+    let run = |order| {
+        let options = ReplayOptions {
+            link: LinkSpeed {
+                bandwidth_mbps: 10.0,
+                latency_ms: 10.0,
+            },
+            order,
+            ..options(64)
+        };
+        replay(&trace, PolicyName::Lru.build(&Future::default()), options).unwrap()
+    };
+    let (total, largest) = (run(Order::Total), run(Order::Largest));
+    assert_eq!(total.bytes_fetched, largest.bytes_fetched);
+    assert_eq!(total.faults, 40);
+    assert_eq!(total.removed_px.iter().sum::<f64>(), 40_400.0);
+    assert!(
+        total.total_error_seconds < 0.5 * largest.total_error_seconds,
+        "{} {}",
+        total.total_error_seconds,
+        largest.total_error_seconds
     );
 }

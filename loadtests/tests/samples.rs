@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use lodestream_format::ContentHash;
-use lodestream_loadtests::samples::{Glb, city, rock};
+use lodestream_loadtests::samples::{Glb, city, crowd, rock};
 use lodestream_server::import::{ImportedScene, import};
 
 fn folder() -> PathBuf {
@@ -54,6 +54,17 @@ fn the_server_imports_the_city_whole() {
         .find(|m| m.name.starts_with("tree"))
         .unwrap();
     assert!(tree.uvs.is_none() && tree.colors.is_some());
+}
+
+#[test]
+fn the_server_imports_the_crowd_whole() {
+    let glb = crowd(90, 500, 1);
+    let scene = imported(&glb);
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    assert_eq!((scene.instances.len(), scene.meshes.len()), (95, 6));
+    assert_eq!(instanced_triangles(&scene), glb.instanced_triangles);
+    let of_first = scene.instances.iter().filter(|it| it.mesh == 0);
+    assert_eq!(of_first.count(), 90);
 }
 
 #[test]

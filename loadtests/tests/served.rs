@@ -9,7 +9,7 @@ use lodestream_client::path::CameraPath;
 use lodestream_client::stream::{Source, Transport};
 use lodestream_client::trace::Trace;
 use lodestream_loadtests::load::{self, LoadOptions, LoadReport};
-use lodestream_loadtests::policies::{LinkSpeed, PolicyName, StudyOptions, study};
+use lodestream_loadtests::policies::{LinkSpeed, Order, PolicyName, StudyOptions, study};
 use lodestream_loadtests::record::{TraceFormat, record, write};
 use lodestream_loadtests::samples::rock;
 use lodestream_server::http::serve::Server;
@@ -152,6 +152,7 @@ fn a_trace_is_the_same_bytes_twice_and_policies_the_same_figures() {
             bandwidth_mbps: 50.0,
             latency_ms: 40.0,
         },
+        order: Order::Total,
     };
     let read_back = Trace::read(bytes(&over_http).as_slice()).unwrap();
     let figures = study(&over_http, &options).unwrap();

@@ -75,7 +75,9 @@ pub fn stability(stability: &Stability) -> String {
             ("open", "source_open_edges"),
             ("opened", "opened_edges"),
             ("grid m", "grid_metres"),
+            ("stated m", "grid_stated_metres"),
             ("step m", "step_metres"),
+            ("level / stated", "level_excess"),
             ("groups", "measured"),
             ("bounded", "bounded_share"),
             ("below a step", "below_step"),
@@ -86,6 +88,16 @@ pub fn stability(stability: &Stability) -> String {
             ("faults", "faults"),
         ],
         &stability.rows,
+    );
+    text += &table(
+        "claims",
+        &[
+            ("case", "case"),
+            ("expected", "expected"),
+            ("found", "found"),
+            ("holds", "holds"),
+        ],
+        &stability.claims,
     );
     let (passed, failed) = (stability.passed, stability.failed);
     text += &format!("{passed} rows pass, {failed} do not\n");

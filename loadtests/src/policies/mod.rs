@@ -18,7 +18,7 @@ pub use clairvoyant::{Clairvoyant, Future, Recorder};
 pub use clock::Clock;
 pub use fifo::Fifo;
 pub use link::{Link, LinkSpeed};
-pub use replay::{MOST_ERROR_PX, Outcome, ReplayOptions, SimulatedPage, replay};
+pub use replay::{MOST_ERROR_PX, Order, Outcome, ReplayOptions, SimulatedPage, replay};
 pub use study::{Run, Study, StudyOptions, TraceFigures, study};
 pub use study_page::page;
 

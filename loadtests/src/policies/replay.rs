@@ -11,6 +11,17 @@ use super::link::{Link, LinkSpeed};
 /// Projected errors count up to this many pixels: a surface that is wrong by more than a picture's height is just wrong.
 pub const MOST_ERROR_PX: f32 = 1024.0;
 
+/// By what wanted pages are put in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Order {
+    /// The error that a page removes, summed over all instances: what viewers do.
+    #[default]
+    Total,
+    /// The largest error that it removes on any one instance, to compare with.
+    Largest,
+}
+
 /// What a replay is run with, beside the trace and the policy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReplayOptions {
@@ -22,6 +33,8 @@ pub struct ReplayOptions {
     pub link: LinkSpeed,
     /// Frame of the trace that this viewer begins with; the trace goes round.
     pub first_frame: usize,
+    /// By what pages are put in order.
+    pub order: Order,
 }
 
 /// What one viewer's replay came to.
@@ -37,8 +50,14 @@ pub struct Outcome {
     pub evictions: u64,
     /// Integral over time of the shown error beyond the one asked for, pixel seconds.
     pub error_seconds: f64,
+    /// Integral over time of the error that missing pages would remove, summed over all groups of
+    /// all instances, pixel seconds.
+    pub total_error_seconds: f64,
     /// For each page that was wanted, missing, and then came: seconds from the one to the other.
     pub waits_secs: Vec<f64>,
+    /// The error that each of these pages removed when it came, summed over groups and instances,
+    /// pixels.
+    pub removed_px: Vec<f64>,
     /// Pages that were wanted and missing, and no longer wanted before they came.
     pub given_up: u64,
 }
@@ -123,10 +142,21 @@ impl Replay<'_> {
         .requests;
         // Culling asks for what exceeds the pixel error that residency let it show.
         let shown_px = self.residency.pixel_error();
-        let requests: Vec<StreamingRequest> = wanted
+        let asked: Vec<(u32, f32, f32)> = wanted
             .iter()
-            .filter(|(_, priority_px)| *priority_px > shown_px)
-            .map(|&(page, priority_px)| StreamingRequest { page, priority_px })
+            .copied()
+            .filter(|(_, error_px, _)| *error_px > shown_px)
+            .collect();
+        let requests: Vec<StreamingRequest> = asked
+            .iter()
+            .map(|&(page, error_px, total_px)| StreamingRequest {
+                page,
+                error_px,
+                priority_px: match self.options.order {
+                    Order::Total => total_px,
+                    Order::Largest => error_px,
+                },
+            })
             .collect();
         self.residency.update(now_secs, &requests);
         for fetch in self.residency.cancelled() {
@@ -136,9 +166,11 @@ impl Replay<'_> {
             self.send(&fetch, now_secs);
         }
         let _ = self.residency.take_changes();
-        self.note_waits(&requests, now_secs);
-        let excess_px = self.shown_error_px(wanted, shown_px) - self.options.pixel_error_px;
-        self.outcome.error_seconds += f64::from(excess_px.max(0.0)) * frame_secs;
+        self.note_waits(&asked, now_secs);
+        let (largest_px, total_px) = self.errors_left_px(wanted, shown_px);
+        let excess_px = (largest_px - self.options.pixel_error_px).max(0.0);
+        self.outcome.error_seconds += f64::from(excess_px) * frame_secs;
+        self.outcome.total_error_seconds += total_px * frame_secs;
     }
 
     fn send(&mut self, fetch: &Fetch, now_secs: f64) {
@@ -149,33 +181,31 @@ impl Replay<'_> {
         }
     }
 
-    /// The largest projected error of anything drawn: what would be refined were its page installed, or were the pixel error
-    /// not raised.
-    fn shown_error_px(&self, wanted: &[(u32, f32)], shown_px: f32) -> f32 {
-        let drawn_coarser = |&&(page, priority_px): &&(u32, f32)| {
-            priority_px <= shown_px || self.residency.page_state(page) != PageState::Installed
-        };
-        let errors = wanted
-            .iter()
-            .filter(|(_, priority_px)| *priority_px > self.options.pixel_error_px);
-        let largest = errors
-            .filter(drawn_coarser)
-            .map(|&(_, priority_px)| priority_px)
-            .fold(0.0, f32::max);
-        largest.min(MOST_ERROR_PX)
+    /// The largest projected error of anything drawn: what would be refined were its page
+    /// installed, or were the pixel error not raised. And the sum of these errors over all that is
+    /// drawn.
+    fn errors_left_px(&self, wanted: &[(u32, f32, f32)], shown_px: f32) -> (f32, f64) {
+        let (mut largest_px, mut total_px) = (0.0f32, 0.0);
+        for &(page, error_px, page_px) in wanted {
+            let is_drawn_coarser =
+                error_px <= shown_px || self.residency.page_state(page) != PageState::Installed;
+            if error_px > self.options.pixel_error_px && is_drawn_coarser {
+                largest_px = largest_px.max(error_px);
+                total_px += f64::from(page_px);
+            }
+        }
+        (largest_px.min(MOST_ERROR_PX), total_px)
     }
 
-    fn note_waits(&mut self, requests: &[StreamingRequest], now_secs: f64) {
+    fn note_waits(&mut self, asked: &[(u32, f32, f32)], now_secs: f64) {
         let mut still_missing = vec![None; self.missing_since_secs.len()];
-        for request in requests {
-            let page = request.page as usize;
-            let since_secs = self.missing_since_secs[page].take();
-            if self.residency.page_state(request.page) == PageState::Installed {
-                self.outcome
-                    .waits_secs
-                    .extend(since_secs.map(|since_secs| now_secs - since_secs));
-            } else {
-                still_missing[page] = since_secs.or(Some(now_secs));
+        for &(page, _, total_px) in asked {
+            let since_secs = self.missing_since_secs[page as usize].take();
+            if self.residency.page_state(page) != PageState::Installed {
+                still_missing[page as usize] = since_secs.or(Some(now_secs));
+            } else if let Some(since_secs) = since_secs {
+                self.outcome.waits_secs.push(now_secs - since_secs);
+                self.outcome.removed_px.push(f64::from(total_px));
             }
         }
         self.outcome.given_up += self.missing_since_secs.iter().flatten().count() as u64;

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::PolicyName;
 use super::clairvoyant::{Future, Recorder};
 use super::link::LinkSpeed;
-use super::replay::{Outcome, ReplayOptions, replay};
+use super::replay::{Order, Outcome, ReplayOptions, replay};
 use crate::percentiles::{Sorted, Waits};
 
 /// What to run.
@@ -25,6 +25,8 @@ pub struct StudyOptions {
     pub pixel_error_px: f32,
     /// Their links.
     pub link: LinkSpeed,
+    /// By what they put pages in order.
+    pub order: Order,
 }
 
 /// Figures of one policy at one pool size.
@@ -46,9 +48,16 @@ pub struct Run {
     pub evictions: u64,
     /// Integral over time of the shown error beyond the one asked for, pixel seconds.
     pub error_seconds: f64,
+    /// Integral over time of the error that missing pages would remove, summed over all groups of
+    /// all instances, pixel seconds.
+    pub total_error_seconds: f64,
     /// Seconds from a page's want to its being there, of pages that were missing and came.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_to_detail_secs: Option<Waits>,
+    /// The same, where each page counts as the error that it removed over all instances: when half
+    /// of the error was gone from the screen, and when all but a twentieth.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_to_detail_by_error_secs: Option<Waits>,
     /// Pages that were missing and no longer wanted before they came.
     pub given_up: u64,
 }
@@ -81,6 +90,8 @@ pub struct Study {
     pub viewers: usize,
     /// Their links.
     pub link: LinkSpeed,
+    /// By what they put pages in order.
+    pub order: Order,
     /// The pixel error that they asked for.
     pub pixel_error_asked: f32,
     /// One a policy and pool: policies in the order asked for, pools in theirs.
@@ -109,6 +120,7 @@ pub fn study(trace: &Trace, options: &StudyOptions) -> Result<Study, StreamError
         trace: TraceFigures::of(trace),
         viewers: options.viewers,
         link: options.link,
+        order: options.order,
         pixel_error_asked: options.pixel_error_px,
         runs: runs.collect::<Result<_, _>>()?,
     })
@@ -125,6 +137,7 @@ fn run(
             pool_bytes,
             pixel_error_px: options.pixel_error_px,
             link: options.link,
+            order: options.order,
             first_frame: viewer * trace.frames.len() / options.viewers,
         };
         let future = match policy {
@@ -161,6 +174,10 @@ fn sum<'a>(
     let waits = outcomes
         .clone()
         .flat_map(|outcome| outcome.waits_secs.iter().copied());
+    let by_error = outcomes.clone().flat_map(|outcome| {
+        let waits = outcome.waits_secs.iter().copied();
+        waits.zip(outcome.removed_px.iter().copied())
+    });
     Run {
         policy,
         pool_bytes,
@@ -170,7 +187,12 @@ fn sum<'a>(
         bytes_fetched: total(|outcome| outcome.bytes_fetched),
         evictions: total(|outcome| outcome.evictions),
         error_seconds: outcomes.clone().map(|outcome| outcome.error_seconds).sum(),
+        total_error_seconds: outcomes
+            .clone()
+            .map(|outcome| outcome.total_error_seconds)
+            .sum(),
         time_to_detail_secs: Waits::of(&Sorted::new(waits.collect())),
+        time_to_detail_by_error_secs: Waits::weighted(by_error.collect()),
         given_up: total(|outcome| outcome.given_up),
     }
 }
@@ -185,7 +207,7 @@ impl TraceFigures {
             let pages = frame
                 .requests
                 .iter()
-                .map(|&(page, _)| page)
+                .map(|&(page, ..)| page)
                 .filter(|&page| !is_root(page));
             most = most.max(pages.map(|page| wanted[page as usize] = true).count());
         }

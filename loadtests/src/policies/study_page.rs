@@ -25,7 +25,7 @@ const PLOTS: [(&str, &str, Figure); 4] = [
 ];
 
 /// Headings and cells of the table.
-const COLUMNS: [(&str, Figure); 9] = [
+const COLUMNS: [(&str, Figure); 10] = [
     ("pool MiB", |run| Some(mebibytes(run))),
     ("requests", |run| Some(run.requests as f64)),
     ("faults", |run| Some(run.faults as f64)),
@@ -33,6 +33,7 @@ const COLUMNS: [(&str, Figure); 9] = [
     ("bytes fetched", |run| Some(run.bytes_fetched as f64)),
     ("evictions", |run| Some(run.evictions as f64)),
     ("error seconds", |run| Some(run.error_seconds)),
+    ("total error seconds", |run| Some(run.total_error_seconds)),
     ("detail p50 s", |run| {
         run.time_to_detail_secs.map(|waits| waits.p50)
     }),

@@ -1,12 +1,14 @@
 //! `report FOLDER`: the JSON files that the other commands wrote become one self-contained page of plots and tables.
 //!
 //! Files are told apart by their names: `build-*.json` (ingest), `draw-*.json` (render), `compare-*.json`, `play-*.json`,
-//! `policies-*.json`, `load-*.json`, `builders-*.json` (`build`), `pages-*.json`, `stability-*.json`; pictures are `*.png`. A section without files is left out.
+//! `policies-*.json`, `load-*.json`, `builders-*.json` (`build`), `pages-*.json`,
+//! `stability-*.json`, `sheets-*.json`; pictures are `*.png`. A section without files is left out.
 
 mod builders;
 mod pages;
 mod plot;
 mod sections;
+mod sheets;
 mod stability;
 
 use std::fs;
@@ -135,6 +137,7 @@ pub fn write(folder: &Path) -> Result<PathBuf, ReportError> {
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;color:#222;background:#fafafa;margin:0}\
 main{max-width:1000px;margin:0 auto;padding:24px}h1{font-size:26px}h2{margin-top:40px;border-bottom:1px solid #ddd}\
 figure{display:inline-block;width:470px;margin:8px;vertical-align:top;background:#fff;border:1px solid #e4e4e4;border-radius:6px;padding:4px}\
+figure.s{width:auto;margin:4px;font-size:12px}figure.s img{width:auto;max-width:100%}\
 figure img{width:100%}figcaption{text-align:center;color:#555}svg{width:100%}svg text{font-size:11px;fill:#444}svg .t{font-size:13px;font-weight:600}\
 svg .x{text-anchor:middle}svg .y{text-anchor:end}svg .g{stroke:#e6e6e6}.k{margin:0 10px;white-space:nowrap;font-size:12px}\
 .k i{display:inline-block;width:10px;height:10px;margin-right:5px;border-radius:2px}\

@@ -2,15 +2,16 @@
 
 use std::fmt::Write;
 
-use super::{Plot, Run, Runs, Series, builders, escape, number, pages, stability};
+use super::{Plot, Run, Runs, Series, builders, escape, number, pages, sheets, stability};
 
 /// The sections in order.
-pub(super) const ALL: [fn(&Runs) -> String; 10] = [
+pub(super) const ALL: [fn(&Runs) -> String; 11] = [
     pictures,
     build,
     builders::section,
     pages::section,
     stability::section,
+    sheets::section,
     draw,
     stream,
     pool,

@@ -3,7 +3,7 @@
 use super::Runs;
 use super::sections::{json_table, rows, section as titled};
 
-const COLUMNS: [(&str, &str); 18] = [
+const COLUMNS: [(&str, &str); 20] = [
     ("case", "case"),
     ("input", "note"),
     ("triangles", "triangles"),
@@ -13,6 +13,8 @@ const COLUMNS: [(&str, &str); 18] = [
     ("opened by a cut, at most", "opened_edges"),
     ("grid step, m", "step_metres"),
     ("moved by the grid, m", "grid_metres"),
+    ("stated for that, m", "grid_stated_metres"),
+    ("worst level from the input / stated", "level_excess"),
     ("groups measured", "measured"),
     ("share bounded", "bounded_share"),
     ("worst measured / stored", "worst_excess"),
@@ -24,11 +26,20 @@ const COLUMNS: [(&str, &str); 18] = [
     ("does not hold", "faults"),
 ];
 
+const CLAIMS: [(&str, &str); 5] = [
+    ("case", "case"),
+    ("reference", "reference"),
+    ("expected", "expected"),
+    ("found", "found"),
+    ("holds", "holds"),
+];
+
 pub(super) fn section(runs: &Runs) -> String {
     let all = runs.of("stability").flat_map(|run| rows(run, "rows"));
+    let claims = runs.of("stability").flat_map(|run| rows(run, "claims"));
     titled(
         "Stability",
         "Stiff and extreme inputs. Reference: distances in f64, both ways, between what replaces a group and the source below it.",
-        json_table(all, &COLUMNS),
+        json_table(all, &COLUMNS) + &json_table(claims, &CLAIMS),
     )
 }

@@ -145,7 +145,7 @@ pub fn requests(seeds: &Seeds) {
     seeds.add("client_files", "scenes", &[b"s", scenes.as_bytes()]);
     let path = r#"{"fps":30,"frames":60,"size":[320,200],"keys":[{"frame":0,"eye":[0,0,5],"target":[0,0,0]},{"frame":59,"eye":[1,2,3],"target":[0,0,0],"up":[0,0,1],"fov_degrees":40}]}"#;
     seeds.add("client_files", "path", &[b"p", path.as_bytes()]);
-    let trace = "{\"version\":1,\"scene\":\"a\",\"fps\":30,\"pages\":[{\"bytes\":9,\"memory_words\":8,\"root\":true,\"dependencies\":[]},\
-        {\"bytes\":9,\"memory_words\":8,\"root\":false,\"dependencies\":[0]}]}\n{\"frame\":0,\"requests\":[[1,2.5],[0,1.0]]}\n";
+    let trace = "{\"version\":2,\"scene\":\"a\",\"fps\":30,\"pages\":[{\"bytes\":9,\"memory_words\":8,\"root\":true,\"dependencies\":[]},\
+        {\"bytes\":9,\"memory_words\":8,\"root\":false,\"dependencies\":[0]}]}\n{\"frame\":0,\"requests\":[[1,2.5,9.0],[0,1.0,4.0]]}\n";
     seeds.add("client_files", "trace", &[b"t", trace.as_bytes()]);
 }

@@ -54,7 +54,10 @@ fn trace(text: &[u8]) {
     }
     writer.finish().expect("writes");
     let finite = |frame: &lodestream_client::trace::TraceFrame| {
-        frame.requests.iter().all(|(_, px)| px.is_finite())
+        frame
+            .requests
+            .iter()
+            .all(|(_, error_px, priority_px)| error_px.is_finite() && priority_px.is_finite())
     };
     if trace.frames.iter().all(finite) {
         let again = Trace::read(&*bytes).expect("what was written can be read");

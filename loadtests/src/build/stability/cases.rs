@@ -6,6 +6,7 @@ use glam::DVec3;
 use lodestream_server::import::Mesh;
 
 use super::super::inputs::{self, Generated, Shape};
+use super::solids;
 use crate::samples::number::Random;
 
 /// What should become of a case.
@@ -83,6 +84,19 @@ pub fn all(sizes: Sizes) -> Vec<Box<dyn FnOnce() -> Case>> {
         Box::new(move || intersecting(sphere())),
         Box::new(move || mixed_winding(sphere())),
         Box::new(three_sheets),
+        Box::new(|| {
+            let sides = DVec3::new(5.013, 5.007, 5.021);
+            solids::cuboid("a box of 5.013 m", "5.013 x 5.007 x 5.021 m", sides)
+        }),
+        Box::new(|| {
+            let sides = DVec3::new(1.219, 2.743, 0.001);
+            solids::cuboid("a panel of 1 mm", "1.219 x 2.743 x 0.001 m", sides)
+        }),
+        Box::new(|| {
+            let sides = DVec3::new(5.013, 5.007, 5.021);
+            solids::turned("a turned box 1e4 m away", "f32 steps of 1 mm", sides, 1e4)
+        }),
+        Box::new(|| solids::prism("a prism of 24 sides", 1.2345, 7.891)),
     ]
 }
 
@@ -91,7 +105,7 @@ fn surface(shape: Shape, sizes: Sizes) -> Mesh {
     Generated { shape, triangles }.mesh()
 }
 
-fn built(name: &'static str, note: impl Into<String>, mesh: Mesh) -> Case {
+pub(super) fn built(name: &'static str, note: impl Into<String>, mesh: Mesh) -> Case {
     Case {
         name,
         note: note.into(),
@@ -102,12 +116,12 @@ fn built(name: &'static str, note: impl Into<String>, mesh: Mesh) -> Case {
 }
 
 /// A mesh of positions alone (and their normals), in f64.
-fn plain(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
+pub(super) fn plain(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
     let positions = positions.iter().map(|at| at.as_vec3().to_array()).collect();
     inputs::mesh("case", positions, None, triangles)
 }
 
-fn mapped(mesh: Mesh, map: impl Fn(DVec3) -> DVec3) -> Mesh {
+pub(super) fn mapped(mesh: Mesh, map: impl Fn(DVec3) -> DVec3) -> Mesh {
     let at = |position: &[f32; 3]| map(DVec3::from(position.map(f64::from)));
     let positions = mesh.positions.iter();
     Mesh {

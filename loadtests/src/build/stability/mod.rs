@@ -1,6 +1,9 @@
 //! The stability table: stiff and extreme inputs, what was measured against an f64 reference, and whether it held.
 
 mod cases;
+mod claims;
+mod pixels;
+mod solids;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -9,6 +12,7 @@ use lodestream_server::import::Mesh;
 use serde::Serialize;
 
 pub use cases::{Case, Expected, Sizes, all};
+pub use claims::Claim;
 
 use super::dag::{ClusterDag, center_metres, source_places};
 use super::distance::one_way;
@@ -20,6 +24,10 @@ use super::rows::Shape;
 /// Share of groups whose stored error must bound the measured one.
 const BOUNDED_SHARE: f64 = 0.999;
 const LADDER: usize = 10;
+/// Loss by f32 in local metres and by the measuring, as a share of the mesh's largest side.
+const LOST_SHARE: f64 = 1.0 / (1 << 24) as f64;
+/// Steps that a mesh spans at least.
+const LEAST_STEPS: f64 = (1 << 14) as f64;
 const MOST_GROUPS: usize = 300;
 
 /// A row of the table.
@@ -40,6 +48,10 @@ pub struct Row {
     pub opened_edges: u64,
     /// Distance, both ways, between the input and the source clusters: what the grid changed, metres.
     pub grid_metres: f64,
+    /// Error that the report states for the source clusters, metres.
+    pub grid_stated_metres: f64,
+    /// Most that a level's distance from the input, both ways, is of the error stated for it.
+    pub level_excess: f64,
     /// Position step, metres.
     pub step_metres: f64,
     /// The groups' promises.
@@ -73,6 +85,8 @@ pub struct Stability {
     pub failed: usize,
     /// A row a case.
     pub rows: Vec<Row>,
+    /// The second table.
+    pub claims: Vec<Claim>,
 }
 
 /// Builds and measures the cases whose names contain `named`; `each` hears of a case when its row is there.
@@ -82,7 +96,13 @@ pub fn table(
     options: &BuildOptions,
     mut each: impl FnMut(&Row),
 ) -> Stability {
-    let mut table = Stability::default();
+    let claims = claims::claims(named);
+    let mut table = Stability {
+        passed: claims.iter().filter(|claim| claim.holds).count(),
+        failed: claims.iter().filter(|claim| !claim.holds).count(),
+        rows: Vec::new(),
+        claims,
+    };
     for make in all(sizes) {
         let case = make();
         if !case.name.contains(named) {
@@ -137,6 +157,55 @@ pub fn row(case: Case, options: &BuildOptions) -> Row {
 }
 
 impl Row {
+    /// The input itself is the reference, not the source clusters: rounding is part of the error.
+    fn check_rounding(
+        &mut self,
+        dag: &ClusterDag,
+        built: &BuiltAsset,
+        places: &[[f32; 3]],
+        triangles: &[[u32; 3]],
+        most_samples: usize,
+    ) {
+        let side = largest_side(places);
+        let lost = LOST_SHARE * side;
+        let levels = &built.report.levels_table;
+        self.grid_stated_metres = levels.first().map_or(0.0, |level| level.error_max);
+        if self.grid_metres > self.grid_stated_metres + lost {
+            self.faults.push(format!(
+                "source clusters lie {:.3e} m from the input, {:.3e} m stated",
+                self.grid_metres, self.grid_stated_metres
+            ));
+        }
+        if self.step_metres * LEAST_STEPS > side && side > 0.0 {
+            let steps = side / self.step_metres;
+            self.faults.push(format!("the mesh spans {steps:.0} steps"));
+        }
+        let tree = TriangleTree::new(places, triangles);
+        for level in 1..dag.levels() {
+            let cut = dag.level_cut(level);
+            let stated = cut
+                .iter()
+                .map(|&it| dag.clusters[it as usize].child_group)
+                .map(|group| match group {
+                    Some(group) => dag.groups[group as usize].parent_error_metres,
+                    None => self.grid_stated_metres,
+                })
+                .fold(0.0, f64::max);
+            let drawn = dag.gather(cut);
+            let there = one_way(&dag.places, &drawn, &tree, most_samples);
+            let drawn_tree = TriangleTree::new(&dag.places, &drawn);
+            let back = one_way(places, triangles, &drawn_tree, most_samples);
+            let measured = (there.worse(back).max_metres - lost).max(0.0);
+            self.level_excess = self.level_excess.max(measured / stated);
+        }
+        if self.level_excess > 1.0 {
+            self.faults.push(format!(
+                "a level lies {:.3} times as far from the input as stated",
+                self.level_excess
+            ));
+        }
+    }
+
     fn measure(
         &mut self,
         mesh: &Mesh,
@@ -155,6 +224,7 @@ impl Row {
         let there = one_way(&dag.places, &leaves, &tree, most_samples);
         let back = one_way(&places, &triangles, &leaf_tree, most_samples);
         self.grid_metres = there.worse(back).max_metres;
+        self.check_rounding(&dag, built, &places, &triangles, most_samples);
 
         let border = SourceBorder::new(&dag);
         self.source_open_edges = border.open.len() as u64;
@@ -183,4 +253,16 @@ impl Row {
         }
         Ok(())
     }
+}
+
+/// Largest side of the box around the places, metres.
+fn largest_side(places: &[[f32; 3]]) -> f64 {
+    let side = |axis: usize| {
+        let values = places.iter().map(|place| f64::from(place[axis]));
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), it| {
+            (low.min(it), high.max(it))
+        });
+        high - low
+    };
+    [0, 1, 2].map(side).into_iter().fold(0.0, f64::max)
 }
