@@ -1,5 +1,5 @@
 # Each target installs what a fresh Debian or Ubuntu machine with Rust, a C compiler and make still lacks, or says what to install.
-.PHONY: demo test test-s3 servers kills faults abuse schemathesis replicas report bench lint build
+.PHONY: demo test test-s3 cases servers kills faults abuse schemathesis replicas priorities report bench lint build
 
 CARGO ?= cargo
 
@@ -21,6 +21,13 @@ test:
 	else \
 	  $(CARGO) test --workspace --no-fail-fast; \
 	fi
+	@if [ -d ../shared/cases ]; then $(MAKE) --no-print-directory cases; \
+	else echo "SKIPPED: make cases, the inputs of ../shared/cases, which is not there"; fi
+
+# Every input of ../shared/cases and ../shared/models, and generated ones of their kinds: a row each.
+cases: build
+	@.ci/vulkan
+	@loadtests/cases/__main__.py
 
 # Every store passes the library's tests: also a server that speaks S3, which this starts.
 test-s3:
@@ -55,6 +62,10 @@ replicas: build
 report: build
 	@.ci/vulkan
 	@loadtests/report.sh
+
+# Pages in the order of what all instances gain, against the largest gain: target/priorities.
+priorities: build
+	@loadtests/priorities.sh
 
 bench:
 	$(CARGO) bench --workspace
