@@ -24,7 +24,7 @@ test:
 	@if [ -d ../shared/cases ]; then $(MAKE) --no-print-directory cases; \
 	else echo "SKIPPED: make cases, the inputs of ../shared/cases, which is not there"; fi
 
-# Every input of ../shared/cases and ../shared/models, and generated ones of their kinds: a row each.
+# Every input of ../shared/cases and ../shared/models, and generated ones of their kinds.
 cases: build
 	@.ci/vulkan
 	@loadtests/cases/__main__.py

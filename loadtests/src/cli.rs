@@ -212,10 +212,12 @@ pub enum Sample {
         #[arg(long, value_name = "FILE.glb")]
         out: PathBuf,
         /// Instances of the one rock.
-        #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+        #[arg(long, value_name = "N", default_value_t = 1000,
+            value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
         instances: u32,
         /// Triangles of each rock; the nearest 12 n² is made.
-        #[arg(long, value_name = "N", default_value_t = 60_000, value_parser = clap::value_parser!(u32).range(48..))]
+        #[arg(long, value_name = "N", default_value_t = 60_000,
+            value_parser = clap::value_parser!(u32).range(48..))]
         triangles: u32,
         /// Another number, other rocks.
         #[arg(long, value_name = "S", default_value_t = 1)]

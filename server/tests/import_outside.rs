@@ -223,9 +223,9 @@ fn files_named_as_on_another_machine_are_found_below_the_folder() {
     let model = folder.path().join("model.gltf");
     for name in [
         "C:\\work\\maps\\a b",
-        "C:/work/maps/a%20b",
+        "C:/models/maps/a%20b",
         "/home/me/maps/a b",
-        "file:///C:/work/maps/a%20b",
+        "file:///C:/models/maps/a%20b",
         "none/../maps/a b",
         "../maps/a b",
     ] {

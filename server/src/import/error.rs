@@ -61,7 +61,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// What is wrong, for a line that names the place itself.
+    /// The fault alone, for a line that names the place itself.
     pub(super) fn reason(&self) -> String {
         match self {
             Self::Malformed {

@@ -81,8 +81,8 @@ fn mask_alpha(
     return sum * 0.25 * (1.0 + noise * mask_noise(record, uv, u32(lod)));
 }
 
-// Where the mips of a regular pattern (a grate, a mesh of wires) become one alpha, a cutoff lets all
-// of it pass or nothing. So each texel counts as a little more or less, and a share of them passes.
+// Where the mips of a regular pattern (a grate, a mesh of wires) become one alpha, a cutoff lets
+// all of it pass or nothing. So each texel counts as a little more or less, and a share of them passes.
 // Alpha zero stays zero.
 fn mask_noise(record: TextureRecord, uv: vec2<f32>, mip: u32) -> f32 {
     let size = vec2<u32>(max(record.width >> mip, 1u), max(record.height >> mip, 1u));
@@ -91,8 +91,8 @@ fn mask_noise(record: TextureRecord, uv: vec2<f32>, mip: u32) -> f32 {
     return MASK_NOISE * (f32(bits >> 8u) / 16777216.0 - 0.5);
 }
 
-// Alpha that a masked material cuts at where its texture is looked up at `lod`, and the share of the
-// noise in the alpha that it cuts. A negative entry is a cutoff for alpha with noise.
+// Alpha that a masked material cuts at where its texture is looked up at `lod`, and the share of
+// the noise in the alpha that it cuts. A negative entry is a cutoff for alpha with noise.
 fn mask_cutoff(material: MaterialRecord, lod: f32) -> vec2<f32> {
     if material.mask_cutoffs == NO_MASK_CUTOFFS {
         return vec2<f32>(material.alpha_cutoff, 0.0);
