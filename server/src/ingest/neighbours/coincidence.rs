@@ -1,7 +1,6 @@
 //! Coincidence: vertices of different instances at one place of the world.
 //!
 //! Vertices lie in cells whose size follows the extent of their instance, a table for all sizes.
-//! A vertex looks in its own size and in all larger ones, so a pair is found from its smaller side.
 
 use std::collections::BTreeSet;
 
@@ -106,12 +105,12 @@ impl Places {
         }
     }
 
-    /// Calls `found` with entries of other instances of `sizes`, none smaller than that of `entry`,
-    /// at the place of `entry`.
+    /// Calls `found` with entries of other instances of `sizes` at the place of `entry`. Each of two
+    /// entries finds the other: the smaller one says how near they have to be.
     pub(super) fn look(&self, sizes: &[i16], entry: &Entry, mut found: impl FnMut(&Entry)) {
-        let near = near_metres(entry.size);
         let mut matches = 0;
         for &other in sizes {
+            let near = near_metres(entry.size.min(other));
             let width = cell_metres(other);
             let low = cell(width, entry.in_world - near);
             let high = cell(width, entry.in_world + near);
@@ -164,13 +163,13 @@ mod tests {
             }
             for (size, entry) in &all {
                 let mut found = vec![];
-                let sizes: Vec<i16> = places.sizes().filter(|other| other >= size).collect();
+                let sizes: Vec<i16> = places.sizes().collect();
                 places.look(&sizes, entry, |other| found.push(other.instance));
                 found.sort_unstable();
                 found.dedup();
                 let expected: Vec<u32> = all.iter().filter(|(other, known)| {
-                    other >= size && known.instance != entry.instance
-                        && known.in_world.distance(entry.in_world) <= near_metres(*size)
+                    known.instance != entry.instance
+                        && known.in_world.distance(entry.in_world) <= near_metres(*size.min(other))
                 }).map(|(_, known)| known.instance).collect();
                 if expected.len() < MOST_MATCHES {
                     prop_assert_eq!(found, expected);

@@ -242,57 +242,43 @@ fn share(placed: &[Placed], meetings: &Meetings, rims: &[Rim], chosen: &[Part]) 
             places.add(entries(instance, size));
         }
     }
-    // Both vertices of each match, whichever side found it.
-    let mut matches: Vec<Match> = (0..placed.len())
+    // One instance after another: all matches together may be many times the vertices.
+    let found: Vec<(usize, Vec<u32>, Vec<[u32; 2]>)> = (0..placed.len())
         .into_par_iter()
-        .flat_map_iter(|instance| {
+        .filter_map(|instance| {
+            let size = placed[instance].size?;
+            let met = |other: &i16| meetings.sizes[instance].holds(meetings.smallest_size, *other);
+            let sizes: Vec<i16> = places.sizes().filter(met).collect();
             let mut own: Vec<Match> = vec![];
-            if let Some(size) = placed[instance].size {
-                let met = |other: &i16| {
-                    *other >= size && meetings.sizes[instance].holds(meetings.smallest_size, *other)
-                };
-                let sizes: Vec<i16> = places.sizes().filter(met).collect();
-                for entry in entries(instance, size) {
-                    places.look(&sizes, &entry, |other| {
-                        own.extend([(entry, *other), (*other, entry)]);
-                    });
-                }
+            for entry in entries(instance, size) {
+                places.look(&sizes, &entry, |other| own.push((entry, *other)));
             }
-            own
+            let pair = |(own, other): &Match| {
+                let [a, b] = [own.instance, other.instance];
+                [a.min(b), a.max(b)]
+            };
+            let mut pairs: Vec<[u32; 2]> = own.iter().map(pair).collect();
+            pairs.sort_unstable();
+            pairs.dedup();
+            let fixed = fixed_of(placed, rims, instance, &own);
+            (!own.is_empty()).then_some((placed[instance].mesh, fixed, pairs))
         })
         .collect();
-    drop(places);
-    let key = |(own, other): &Match| [own.instance, own.vertex, other.instance, other.vertex];
-    matches.par_sort_unstable_by_key(key);
-    matches.dedup_by_key(|it| key(it));
-
     let mut sharing = Sharing {
         fixed: vec![HashSet::new(); rims.len()],
         pairs: BTreeSet::new(),
     };
-    for (own, other) in &matches {
-        let pair = [own.instance, other.instance];
-        if pair[0] < pair[1] && sharing.pairs.len() < MOST_PAIRS {
-            sharing.pairs.insert(pair);
-        }
-    }
-    let fixed: Vec<(usize, Vec<u32>)> = matches
-        .par_chunk_by(|a, b| a.0.instance == b.0.instance)
-        .map(|own| {
-            let mesh = placed[own[0].0.instance as usize].mesh;
-            (mesh, fixed_of(placed, rims, own))
-        })
-        .collect();
-    for (mesh, vertices) in fixed {
-        sharing.fixed[mesh].extend(vertices);
+    for (mesh, fixed, pairs) in found {
+        sharing.fixed[mesh].extend(fixed);
+        let room = MOST_PAIRS.saturating_sub(sharing.pairs.len());
+        sharing.pairs.extend(pairs.into_iter().take(room));
     }
     sharing
 }
 
-/// Vertices of an instance that stay, of all its matches: those on an open border that another's
+/// Vertices of an instance that stay, of all its matches, ascending by its vertices: those on an open border that another's
 /// border shares, where at least one open edge is not covered.
-fn fixed_of(placed: &[Placed], rims: &[Rim], own: &[Match]) -> Vec<u32> {
-    let instance = own[0].0.instance as usize;
+fn fixed_of(placed: &[Placed], rims: &[Rim], instance: usize, own: &[Match]) -> Vec<u32> {
     let rim = &rims[placed[instance].mesh];
     let matches_of = |vertex: u32| {
         let from = own.partition_point(|it| it.0.vertex < vertex);

@@ -298,3 +298,17 @@ fn strange_placements_are_taken() {
     ];
     found(vec![tile(1.0)], &placed);
 }
+
+/// Each vertex inside the block has seven others at its place.
+#[test]
+fn a_block_of_touching_instances_shares_a_grid() {
+    let side = 24;
+    let placed: Vec<(usize, DAffine3)> = (0..side * side * side)
+        .map(|at| [at % side, at / side % side, at / side / side])
+        .map(|at| at.map(|axis| axis as f64 * 0.5))
+        .map(|[x, y, z]| (0, moved(x, y, z)))
+        .collect();
+    let found = found(vec![cube(0.5)], &placed);
+    assert!(found[0].fixed.is_empty());
+    assert!(found[0].step_exponent.is_some());
+}
