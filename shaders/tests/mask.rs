@@ -163,6 +163,27 @@ fn foliage_keeps_its_cover_with_distance() {
     }
 }
 
+/// Alpha of vertices is cut where the author wrote it, at any distance.
+#[test]
+fn opaque_textures_keep_the_written_cutoff() {
+    let side = 64;
+    let rgba = [255u8; 4].repeat((side * side) as usize);
+    let mut textures = build_textures(&[(side, side, rgba)], 1 << 20).expect("one texture");
+    let mut materials = [MaterialRecord {
+        texture: 0,
+        flags: MASK,
+        alpha_cutoff: 0.5,
+        ..WHITE
+    }];
+    textures.add_mask_cutoffs(&mut materials);
+    for texels in [0.5f32, 1.3, 4.0, 9.0, 64.0] {
+        let step = texels / side as f32;
+        let (dx, dy) = (Vec2::new(step, 0.0), Vec2::new(0.0, step));
+        let (alpha, cutoff) = sample_mask(&textures, &materials[0], Vec2::splat(0.4), dx, dy);
+        assert_eq!((alpha, cutoff), (1.0, 0.5), "{texels} texels a pixel");
+    }
+}
+
 /// A grate, a mesh of wires and soft dots: their mips become one alpha, of which a cutoff alone
 /// shows all or nothing.
 #[test]

@@ -128,7 +128,7 @@ pub fn mask_cutoffs(
                 mask_alpha(mips, &record, flags, at, lod, noise)
             };
             let mut alphas: Vec<f32> = (0..SAMPLES).map(sample).collect();
-            let cutoff = cutoff_of_share(&mut alphas, share);
+            let cutoff = cutoff_of_share(&mut alphas, share, material.alpha_cutoff / factor);
             let passing = alphas.partition_point(|&alpha| alpha >= cutoff);
             (factor * cutoff, passing as f64 / alphas.len() as f64)
         };
@@ -155,13 +155,18 @@ fn place(number: u32) -> Vec2 {
     Vec2::from(at)
 }
 
-/// The cutoff that lets the nearest to `share` of the alphas pass, in the middle of the gap that it
-/// cuts. Equal alphas pass together or not at all.
-fn cutoff_of_share(alphas: &mut [f32], share: f64) -> f32 {
+/// The cutoff that lets the nearest to `share` of the alphas pass, and of those the nearest to
+/// `written`: vertices have an alpha of their own, which is cut by it too. Equal alphas pass
+/// together or not at all.
+fn cutoff_of_share(alphas: &mut [f32], share: f64, written: f32) -> f32 {
+    /// Part of a gap on both its sides in which rounding may decide.
+    const SIDE: f32 = 0.25;
+    /// The same of an alpha without a gap.
+    const ROUNDING: f32 = 0.01;
     alphas.sort_unstable_by(|a, b| b.total_cmp(a));
     let wanted = share * alphas.len() as f64;
     let Some(&last) = alphas.get((wanted.round() as usize).max(1) - 1) else {
-        return 0.0;
+        return written;
     };
     let before = alphas.partition_point(|&alpha| alpha > last);
     let through = alphas.partition_point(|&alpha| alpha >= last);
@@ -170,9 +175,12 @@ fn cutoff_of_share(alphas: &mut [f32], share: f64) -> f32 {
         false => before,
     };
     match (passing.checked_sub(1), alphas.get(passing)) {
-        (None, _) => f32::MAX,
-        (Some(_), None) => 0.0,
-        (Some(at), Some(&next)) => 0.5 * (alphas[at] + next),
+        (None, _) => written.max(alphas[0] * (1.0 + ROUNDING)),
+        (Some(at), None) => written.min(alphas[at] * (1.0 - ROUNDING)),
+        (Some(at), Some(&next)) => {
+            let side = SIDE * (alphas[at] - next);
+            written.max(next + side).min(alphas[at] - side)
+        }
     }
 }
 
@@ -204,18 +212,21 @@ mod tests {
 
     #[test]
     fn the_nearest_share_passes() {
-        let cutoff = |alphas: &[f32], share| cutoff_of_share(&mut alphas.to_vec(), share);
+        let cutoff = |alphas: &[f32], share| cutoff_of_share(&mut alphas.to_vec(), share, 0.5);
+        let near = |found: f32, expected: f32| (found - expected).abs() < 1e-6;
         let alphas = [0.1, 0.9, 0.5, 0.3];
-        assert_eq!(cutoff(&alphas, 0.0), f32::MAX);
-        assert!((cutoff(&alphas, 0.25) - 0.7).abs() < 1e-6);
-        assert!((cutoff(&alphas, 0.5) - 0.4).abs() < 1e-6);
-        assert_eq!(cutoff(&alphas, 1.0), 0.0);
-        // Equals: all or none, whichever is nearer.
-        assert_eq!(cutoff(&[0.2; 8], 0.13), f32::MAX);
-        assert_eq!(cutoff(&[0.2; 8], 0.6), 0.0);
-        assert_eq!(cutoff(&[0.2, 0.2, 0.2, 0.8], 0.9), 0.0);
+        assert!(cutoff(&alphas, 0.0) > 0.9);
+        assert!(near(cutoff(&alphas, 0.25), 0.6));
+        assert!(near(cutoff(&alphas, 0.5), 0.45));
+        assert!(cutoff(&alphas, 1.0) < 0.1);
+        // Equals: all or none, whichever is nearer; the written cutoff where it does that.
+        assert_eq!(cutoff(&[0.2; 8], 0.13), 0.5);
+        assert!(cutoff(&[0.2; 8], 0.6) < 0.2);
+        assert_eq!(cutoff(&[1.0; 8], 1.0), 0.5);
+        assert!(cutoff(&[1.0; 8], 0.0) > 1.0);
+        assert!(cutoff(&[0.2, 0.2, 0.2, 0.8], 0.9) < 0.2);
         assert_eq!(cutoff(&[0.2, 0.2, 0.2, 0.8], 0.4), 0.5);
-        assert_eq!(cutoff(&[], 0.4), 0.0);
+        assert_eq!(cutoff(&[], 0.4), 0.5);
     }
 
     #[test]
