@@ -97,8 +97,10 @@ async fn an_uploaded_model_reads_no_other_file() {
             "{said}"
         );
         // The answer is the same whether the file is there or not.
-        let (_, other) = last(&server, "taken", "glb", glb(&uri.replace('s', "z"))).await;
-        assert_eq!(said, other.to_string().replace('z', "s"), "{uri}");
+        // Both names come out alike; a temporary folder may have either letter in its name.
+        let alike = |text: &str| text.replace('s', "z");
+        let (_, other) = last(&server, "taken", "glb", glb(&alike(uri))).await;
+        assert_eq!(alike(&said), alike(&other.to_string()), "{uri}");
     }
     let mut obj = String::from("mtllib secret.bin\nmtllib ../secret.bin\nmtllib /etc/passwd\n");
     obj += &sheet(3);
