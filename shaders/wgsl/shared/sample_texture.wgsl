@@ -82,7 +82,8 @@ fn mask_alpha(
 }
 
 // Where the mips of a regular pattern (a grate, a mesh of wires) become one alpha, a cutoff lets
-// all of it pass or nothing. So each texel counts as a little more or less, and a share of them passes.
+// all of it pass or nothing. So each texel counts as a little more or less, and a share of them
+// passes.
 // Alpha zero stays zero.
 fn mask_noise(record: TextureRecord, uv: vec2<f32>, mip: u32) -> f32 {
     let size = vec2<u32>(max(record.width >> mip, 1u), max(record.height >> mip, 1u));

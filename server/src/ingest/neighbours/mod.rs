@@ -276,8 +276,9 @@ fn share(placed: &[Placed], meetings: &Meetings, rims: &[Rim], chosen: &[Part]) 
     sharing
 }
 
-/// Vertices of an instance that stay, of all its matches, ascending by its vertices: those on an open border that another's
-/// border shares, where at least one open edge is not covered.
+/// Vertices of an instance that stay. `own` are all its matches, ascending by its vertices. A vertex
+/// stays where it lies on an open border that another instance's border shares, and at least one of
+/// its open edges is not covered.
 fn fixed_of(placed: &[Placed], rims: &[Rim], instance: usize, own: &[Match]) -> Vec<u32> {
     let rim = &rims[placed[instance].mesh];
     let matches_of = |vertex: u32| {
