@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::borders::{Borders, ChunkBounds};
 use super::bounds;
+use super::budgets::Budgets;
 use super::cluster::{self, Birth, ClusterInfo, ClusterView};
 use super::error::BuildError;
 use super::neighbours::FixedPlaces;
@@ -19,6 +20,10 @@ use super::vertex::Grids;
 
 /// A round that leaves more of the triangles than this made no headway.
 const NO_HEADWAY: f64 = 0.95;
+/// A group whose error is more than this times its budget waits for a larger one.
+const MOST_OVER: f64 = 3.0;
+/// Runs of clusters that the first budget is taken from.
+const PROBES: usize = 8;
 
 /// Clusters that are refined together.
 #[derive(Debug)]
@@ -92,11 +97,17 @@ impl Dag {
         let mut pool: Vec<u32> = (0..self.clusters.len() as u32).collect();
         let mut effort = Effort::Usual;
         let mut round = 0;
+        let mut budgets = self.budgets(plan, &pool)?;
         while pool.len() > 1 {
             let before = self.triangles_of(&pool);
-            pool = self.round(plan, &pool, round, effort)?;
+            pool = self.round(plan, &pool, round, effort, budgets.metres())?;
             round += 1;
-            if self.triangles_of(&pool) as f64 > before as f64 * NO_HEADWAY {
+            let left = self.triangles_of(&pool) as f64 / before as f64;
+            if budgets.is_limited() {
+                budgets.advance(left);
+                continue;
+            }
+            if left > NO_HEADWAY {
                 if effort == Effort::LargeGroups {
                     break;
                 }
@@ -111,6 +122,45 @@ impl Dag {
         Ok(())
     }
 
+    /// Budgets from a few runs of clusters, evenly spread.
+    fn budgets(&self, plan: Plan, pool: &[u32]) -> Result<Budgets, BuildError> {
+        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+        for info in &self.clusters {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(info.low[axis]);
+                high[axis] = high[axis].max(info.high[axis]);
+            }
+        }
+        let extent = (0..3).map(|axis| high[axis] as i64 - low[axis] as i64).max();
+        let size_metres = extent.unwrap_or(0) as f64 * plan.grids.step_metres();
+        let run = USUAL_GROUP_CLUSTERS.min(pool.len());
+        let all = ChunkBounds { low, high };
+        let mut found: Vec<f64> = (0..PROBES.min(pool.len().div_ceil(run)))
+            .into_par_iter()
+            .map_init(Workspace::default, |workspace, probe| {
+                let first = probe * (pool.len() - run) / PROBES.max(2).saturating_sub(1).max(1);
+                let parts = self.parts(&pool[first..first + run])?;
+                let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
+                let borders = Borders::new(&views);
+                let group: Vec<u32> = (0..run as u32).collect();
+                let rules = borders.rules(std::slice::from_ref(&group), &[all], plan.fixed);
+                let rules: Vec<Vec<u8>> = (0..run).map(|local| borders.rules_of(local, &views[local], &rules)).collect();
+                let job = Job {
+                    grids: plan.grids,
+                    placement: plan.placement,
+                    level: 1,
+                    merge: false,
+                    budget_metres: f64::INFINITY,
+                };
+                let views = views.iter().copied().zip(rules.iter().map(|rules| &rules[..]));
+                Ok(workspace.typical_distance(&job, views))
+            })
+            .collect::<Result<Vec<_>, BuildError>>()?;
+        found.sort_by(f64::total_cmp);
+        let first_metres = found.get(found.len() / 2).copied().unwrap_or(0.0);
+        Ok(Budgets::new(plan.grids, first_metres, size_metres))
+    }
+
     fn triangles_of(&self, pool: &[u32]) -> u64 {
         let count = |&cluster: &u32| self.clusters[cluster as usize].triangle_count as u64;
         pool.iter().map(count).sum()
@@ -123,6 +173,7 @@ impl Dag {
         pool: &[u32],
         round: u32,
         effort: Effort,
+        budget_metres: f64,
     ) -> Result<Vec<u32>, BuildError> {
         let chunks = chunks(&self.clusters, pool, round);
         let bounds: Vec<ChunkBounds> = chunks
@@ -140,7 +191,7 @@ impl Dag {
                         .filter(|&other| other != number && bounds[other].meets(&bounds[number]))
                         .map(|other| bounds[other])
                         .collect();
-                    self.chunk(plan, &chunks[number], &others, effort)
+                    self.chunk(plan, &chunks[number], &others, effort, budget_metres)
                 })
                 .collect::<Result<_, _>>()?;
             for (members, replacement) in replaced.into_iter().flatten() {
@@ -157,6 +208,7 @@ impl Dag {
         chunk: &[u32],
         others: &[ChunkBounds],
         effort: Effort,
+        budget_metres: f64,
     ) -> Result<Vec<(Vec<u32>, Option<Replacement>)>, BuildError> {
         let parts = self.parts(chunk)?;
         let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
@@ -179,7 +231,7 @@ impl Dag {
                     .iter()
                     .zip(&rules)
                     .map(|(&local, rules)| (views[local as usize], &rules[..]));
-                let replacement = self.replacement(plan, &members, views, effort, workspace);
+                let replacement = self.replacement(plan, &members, views, effort, budget_metres, workspace);
                 (members, replacement)
             });
         Ok(done.collect())
@@ -191,6 +243,7 @@ impl Dag {
         members: &[u32],
         views: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
         effort: Effort,
+        budget_metres: f64,
         workspace: &mut Workspace,
     ) -> Option<Replacement> {
         let level = self.level(members);
@@ -202,6 +255,7 @@ impl Dag {
             placement: plan.placement,
             level: level + 1,
             merge: effort == Effort::LargeGroups,
+            budget_metres,
         };
         let simplified = workspace.simplify(&job, views)?;
         let births: Vec<Birth> = members
@@ -211,6 +265,9 @@ impl Dag {
         let lod_sphere = bounds::lod_sphere(&births);
         let lod_sphere = bounds::grown(lod_sphere, plan.grids, &simplified.clusters);
         let error_metres = bounds::parent_error(&births, &simplified, &lod_sphere);
+        if budget_metres.is_finite() && error_metres as f64 > MOST_OVER * budget_metres {
+            return None;
+        }
         (plan.on_triangles)(self.triangles_of(members));
         Some(Replacement {
             clusters: Packed::new(&simplified.clusters),

@@ -13,6 +13,7 @@
 
 mod borders;
 mod bounds;
+mod budgets;
 mod centroids;
 mod cluster;
 mod clusterize;

@@ -5,6 +5,7 @@
 //! it is worked out again when its turn comes, not before.
 
 use super::super::borders::{FREE, LOCKED, OPEN};
+use super::budget::Budget;
 use super::group::GroupMesh;
 use super::pairs::Pairs;
 use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
@@ -66,9 +67,9 @@ pub(super) enum Refusal {
 /// A live triangle round a place that stays when the place moves: the corner there, and the places of the other two.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Kept {
-    triangle: u16,
+    pub(super) triangle: u16,
     corner: u8,
-    others: [u16; 2],
+    pub(super) others: [u16; 2],
 }
 
 /// The state of a simplification; kept between groups.
@@ -95,6 +96,8 @@ pub(super) struct Collapser<const L: usize> {
     /// Whether there is a crease at a place, or one that has gone there, or that was released: a mean over the planes says
     /// little of a narrow side's.
     pub(super) creased: Vec<bool>,
+    /// Whether a connection was given up at a place, or one that has gone there.
+    pub(super) torn: Vec<bool>,
     /// Next vertex of the same place, in a ring.
     pub(super) ring: Vec<u16>,
     /// The vertex of each place that has one, or [`NONE`].
@@ -112,6 +115,10 @@ pub(super) struct Collapser<const L: usize> {
     pub(super) costs: Vec<f32>,
     pub(super) queue: Queue,
     pub(super) kept: Vec<Kept>,
+    /// Whether each place lies on an open edge or between materials.
+    pub(super) on_line: Vec<bool>,
+    /// How far the source may lie off.
+    pub(super) budget: Budget,
     pub(super) stamp: Vec<u32>,
     pub(super) now: u32,
     pub(super) around: Vec<Around>,
@@ -135,6 +142,7 @@ impl<const L: usize> Default for Collapser<L> {
             normals: Vec::new(),
             folded: Vec::new(),
             creased: Vec::new(),
+            torn: Vec::new(),
             ring: Vec::new(),
             only: Vec::new(),
             uses: Vec::new(),
@@ -146,6 +154,8 @@ impl<const L: usize> Default for Collapser<L> {
             costs: Vec::new(),
             queue: Queue::default(),
             kept: Vec::new(),
+            on_line: Vec::new(),
+            budget: Budget::default(),
             stamp: Vec::new(),
             now: 0,
             around: Vec::new(),
@@ -297,11 +307,20 @@ impl<const L: usize> Collapser<L> {
         freedom: Freedom,
     ) -> Result<(), Refusal> {
         let mut kept = std::mem::take(&mut self.kept);
-        let allowed = self.allowed(mesh, from, to, freedom, &mut kept);
+        let mut allowed = self.allowed(mesh, from, to, freedom, &mut kept);
+        if let Ok(pairs) = &allowed
+            && !self.is_within_budget(mesh, [from, to], pairs, &kept)
+        {
+            allowed = Err(Refusal::Plain);
+        }
         if let Ok((pairs, count)) = &allowed {
+            let dying = self.dying(from, to);
+            self.hand_points(mesh, from);
             self.apply(mesh, from, to, &pairs[..*count], &kept);
             self.creased[to as usize] |=
                 self.creased[from as usize] || freedom == Freedom::Released;
+            self.torn[to as usize] |=
+                self.torn[from as usize] || freedom == Freedom::Released || dying > 2;
         }
         self.kept = kept;
         allowed.map(|_| ())

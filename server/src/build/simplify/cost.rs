@@ -146,7 +146,7 @@ impl<const L: usize> Collapser<L> {
         Some(cost)
     }
 
-    fn attribute_cost(&self, offset: [f32; 3], own: u16, target: u16) -> f32 {
+    pub(super) fn attribute_cost(&self, offset: [f32; 3], own: u16, target: u16) -> f32 {
         let change = self.change(own, target);
         let quadric = &self.attribute_quadrics[own as usize];
         let other = &self.attribute_quadrics[target as usize];

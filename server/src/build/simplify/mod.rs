@@ -1,6 +1,7 @@
 //! Simplify: a group's triangles to half as many, what it shares with other groups untouched.
 
 mod attributes;
+mod budget;
 mod collapse;
 mod cost;
 mod group;
@@ -27,6 +28,8 @@ use witness::{Court, Testimony};
 
 /// A result with more of the triangles left is not worth a level.
 const MOST_LEFT: f64 = 0.85;
+/// Share of the triangles that a round leaves at least.
+const LEAST_LEFT: f64 = 0.25;
 /// Sweeps over the edges of a group at most.
 const MOST_SWEEPS: usize = 4;
 /// Another sweep follows one that left at most this share of the triangles.
@@ -98,6 +101,8 @@ pub(super) struct Job<'a> {
     pub level: u8,
     /// Vertex clustering is allowed where collapses do not get further.
     pub merge: bool,
+    /// Distance that the source may have from the result, metres; infinite where any is allowed.
+    pub budget_metres: f64,
 }
 
 /// Everything that is kept between groups of a thread.
@@ -114,6 +119,25 @@ pub(super) struct Workspace {
 }
 
 impl Workspace {
+    /// Distance, metres, that nine tenths of the places of a group keep to when half of its
+    /// triangles go.
+    pub fn typical_distance<'a>(
+        &mut self,
+        job: &Job,
+        clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
+    ) -> f64 {
+        self.mesh.gather(clusters);
+        let (mesh, court) = (&mut self.mesh, &mut self.court);
+        let target = target(mesh.triangles.len(), job.budget_metres);
+        let distance = match attribute_count(job.grids.attributes) {
+            0 => typical(&mut self.plain, mesh, court, job, target),
+            1..=4 => typical(&mut self.four, mesh, court, job, target),
+            5..=8 => typical(&mut self.eight, mesh, court, job, target),
+            _ => typical(&mut self.twelve, mesh, court, job, target),
+        };
+        distance * mesh.unit as f64 * job.grids.step_metres()
+    }
+
     /// Halves a group, or gives `None` where nothing allowed removes enough.
     pub fn simplify<'a>(
         &mut self,
@@ -121,7 +145,7 @@ impl Workspace {
         clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
     ) -> Option<Simplified> {
         self.mesh.gather(clusters);
-        let target = target(self.mesh.triangles.len());
+        let target = target(self.mesh.triangles.len(), job.budget_metres);
         let Self {
             mesh,
             plain,
@@ -163,9 +187,11 @@ impl Workspace {
     }
 }
 
-/// Half of the triangles, as a number of full clusters where one is near.
-fn target(triangles: usize) -> usize {
-    let half = triangles as f64 / 2.0;
+/// Half of the triangles, as a number of full clusters where one is near; a quarter where a budget
+/// ends the collapses.
+fn target(triangles: usize, budget_metres: f64) -> usize {
+    let share = if budget_metres.is_finite() { LEAST_LEFT } else { 0.5 };
+    let half = triangles as f64 * share;
     let full = (half / FULL as f64).round().max(1.0) * FULL as f64;
     if full <= 1.15 * half {
         full as usize
@@ -194,6 +220,24 @@ fn margin(distance: f64, share: f64) -> f64 {
     }
 }
 
+fn typical<const L: usize>(
+    state: &mut Collapser<L>,
+    mesh: &mut GroupMesh,
+    court: &mut Court,
+    job: &Job,
+    target: usize,
+) -> f64 {
+    let edge = mesh.typical_edge(&mesh.triangles);
+    let weights = mesh.weights(job.grids, edge);
+    state.start(mesh, job.grids, &weights);
+    state.budget.start(mesh, f32::INFINITY);
+    state.run(mesh, target, true);
+    let mut distances = court.distances(state, mesh);
+    distances.sort_by(f32::total_cmp);
+    let at = distances.len() * 9 / 10;
+    distances.get(at).copied().unwrap_or(0.0) as f64
+}
+
 fn collapse<const L: usize>(
     state: &mut Collapser<L>,
     mesh: &mut GroupMesh,
@@ -206,6 +250,8 @@ fn collapse<const L: usize>(
     let edge = mesh.typical_edge(&mesh.triangles);
     let weights = mesh.weights(job.grids, edge);
     state.start(mesh, job.grids, &weights);
+    let units = 1.0 / (mesh.unit as f64 * job.grids.step_metres());
+    state.budget.start(mesh, (job.budget_metres * units) as f32);
     let mut left = before;
     for sweep in 0..MOST_SWEEPS {
         state.run(mesh, target, sweep == 0);

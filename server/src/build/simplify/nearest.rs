@@ -8,7 +8,7 @@ use super::quadric::{dot, sub};
 const SURE: f32 = 1.2;
 
 /// Corners of four triangles, by corner and axis.
-type Four = [[Vec4; 3]; 3];
+pub(super) type Four = [[Vec4; 3]; 3];
 
 /// Triangles between numbered places, with what is needed to walk from one to the next.
 #[derive(Debug, Default)]
@@ -62,6 +62,11 @@ impl Patch {
     /// Places of the triangles.
     pub fn triangles(&self) -> impl Iterator<Item = [u16; 3]> {
         self.triangles.iter().copied()
+    }
+
+    /// Whether some triangle is at a place.
+    pub fn holds(&self, place: u16) -> bool {
+        self.first[place as usize] < self.first[place as usize + 1]
     }
 
     /// Squared distance to the nearest triangle and its number; `None` where no triangle is at any of the `places`. The walk
@@ -150,7 +155,7 @@ impl Patch {
 
 /// Four triangles' corners side by side.
 #[inline(always)]
-fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
+pub(super) fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
     [0, 1, 2].map(|corner| {
         let axes = Mat4::from_cols(a[corner], b[corner], c[corner], d[corner]).transpose();
         [axes.x_axis, axes.y_axis, axes.z_axis]
@@ -158,7 +163,7 @@ fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
 }
 
 /// Squared distances from a point to four triangles (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5).
-fn to_triangles(at: [f32; 3], &[a, b, c]: &Four) -> Vec4 {
+pub(super) fn to_triangles(at: [f32; 3], &[a, b, c]: &Four) -> Vec4 {
     let at = at.map(Vec4::splat);
     let (ab, ac, ap) = (sub4(b, a), sub4(c, a), sub4(at, a));
     let (bc, bp) = (sub4(c, b), sub4(at, b));

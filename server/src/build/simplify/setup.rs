@@ -49,6 +49,7 @@ impl<const L: usize> Collapser<L> {
         refill(&mut self.tail, std::iter::repeat_n(NONE, places));
         refill(&mut self.next, std::iter::repeat_n(NONE, 3 * triangles));
         refill(&mut self.thirds, std::iter::repeat_n([NONE; 2], places));
+        refill(&mut self.torn, std::iter::repeat_n(false, places));
         refill(&mut self.age, std::iter::repeat_n(0, places));
         refill(&mut self.stamp, std::iter::repeat_n(0, places));
         refill(
@@ -94,6 +95,10 @@ impl<const L: usize> Collapser<L> {
             (0..mesh.welder.vertices.len()).map(|vertex| vertex as u16),
         );
         refill(
+            &mut self.on_line,
+            std::iter::repeat_n(false, mesh.positions.len()),
+        );
+        refill(
             &mut self.only,
             std::iter::repeat_n(NONE, mesh.positions.len()),
         );
@@ -107,6 +112,10 @@ impl<const L: usize> Collapser<L> {
             }
             self.ring[last as usize] = first as u16;
             self.only[place as usize] = if last == first { first as u16 } else { NONE };
+            let slot = |vertex: u32| mesh.welder.vertices[vertex as usize].1;
+            let mut others = mesh.welder.vertices_at(place);
+            let between = others.any(|vertex| slot(vertex) != slot(first));
+            self.on_line[place as usize] = between || mesh.rules[place as usize] == OPEN;
         }
     }
 

@@ -53,6 +53,8 @@ pub(super) struct Court {
     /// Farthest witness of each triangle and its squared distance.
     farthest: Vec<(f32, [i32; 3])>,
     loose: Vec<bool>,
+    /// Places where connections may have been given up.
+    torn: Vec<bool>,
     /// Where each place went.
     went: Vec<u16>,
     /// What is left, and the group as it was.
@@ -61,6 +63,30 @@ pub(super) struct Court {
 }
 
 impl Court {
+    /// Distance of every place that went from the surface near where it went, units.
+    pub fn distances<const L: usize>(
+        &mut self,
+        state: &Collapser<L>,
+        mesh: &GroupMesh,
+    ) -> Vec<f32> {
+        let left = state.corners.iter().zip(&state.alive);
+        let left = left.filter(|&(_, &alive)| alive);
+        self.left.set(
+            &mesh.positions,
+            left.map(|(&vertices, _)| mesh.places(vertices).map(|place| place as u16)),
+        );
+        let mut distances = Vec::new();
+        for place in 0..mesh.positions.len() {
+            let went_to = state.find(place as u16);
+            if went_to as usize != place {
+                let at = mesh.positions[place];
+                let found = self.left.nearest(at, &[went_to], 0.0, f32::INFINITY);
+                distances.extend(found.map(|(squared, _)| squared.sqrt()));
+            }
+        }
+        distances
+    }
+
     /// Hears every place that went, every place that moved from its `origins`, and every witness handed on.
     pub fn hear<const L: usize>(
         &mut self,
@@ -85,7 +111,7 @@ impl Court {
             let went_to = self.went[place];
             let stayed = went_to as usize == place;
             let at = origins[place];
-            if stayed {
+            if stayed && self.left.holds(went_to) {
                 // It is no farther from the surface than it has moved.
                 let step = sub(mesh.positions[place], at);
                 if dot(step, step) <= ENOUGH * worst {
@@ -158,6 +184,7 @@ impl Court {
         origins: &[[f32; 3]],
         worst: f32,
     ) {
+        self.torn.clone_from(&state.torn);
         self.loose.clear();
         self.loose.extend((0..origins.len()).map(|place| {
             let quadric = &state.quadrics[place];
@@ -170,6 +197,19 @@ impl Court {
     fn old_edges(&mut self, mesh: &GroupMesh, origins: &[[f32; 3]], mut worst: f32) -> f32 {
         for &triangle in &mesh.triangles {
             let places = mesh.places(triangle);
+            let [a, b, c] = places;
+            let ends = places.map(|place| self.went[place]);
+            let gone = ends[0] == ends[1] || ends[1] == ends[2] || ends[2] == ends[0];
+            if gone && ends.iter().any(|&end| self.torn[end as usize]) {
+                // Nothing may be drawn over it: its vertices say nothing of its middle.
+                let [a, b, c] = [a, b, c].map(|place| origins[place]);
+                let center = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
+                for at in [center, middle(a, b), middle(b, c), middle(c, a)] {
+                    if let Some((squared, _)) = self.left.nearest(at, &ends[..1], worst, worst) {
+                        worst = worst.max(squared);
+                    }
+                }
+            }
             for side in 0..3 {
                 let (a, b) = (places[side], places[(side + 1) % 3]);
                 // Once for the two triangles of an edge.
@@ -335,26 +375,38 @@ fn between() -> impl Iterator<Item = ([f32; 3], usize)> {
     })
 }
 
-/// Squared distance to the nearest open edge at `place`; 0 where there is none.
+/// Squared distance to the nearest open edge, on a walk along the open edges from `place`; 0 where
+/// there is none.
 fn to_open_edge<const L: usize>(
     state: &Collapser<L>,
     mesh: &GroupMesh,
     at: [f32; 3],
-    place: u16,
+    mut place: u16,
 ) -> f32 {
     let mut best = f32::INFINITY;
-    let others: Vec<usize> = state
-        .star(place)
-        .flat_map(|(triangle, k)| {
-            let places = mesh.places(state.corners[triangle]);
-            [places[(k + 1) % 3], places[(k + 2) % 3]]
-        })
-        .collect();
-    for &other in &others {
-        if others.iter().filter(|&&same| same == other).count() == 1 {
-            let (a, b) = (mesh.positions[place as usize], mesh.positions[other]);
-            best = best.min(to_segment(at, a, b));
+    loop {
+        let before = best;
+        let others: Vec<usize> = state
+            .star(place)
+            .flat_map(|(triangle, k)| {
+                let places = mesh.places(state.corners[triangle]);
+                [places[(k + 1) % 3], places[(k + 2) % 3]]
+            })
+            .collect();
+        let mut next = place;
+        for &other in &others {
+            if others.iter().filter(|&&same| same == other).count() == 1 {
+                let (a, b) = (mesh.positions[place as usize], mesh.positions[other]);
+                let squared = to_segment(at, a, b);
+                if squared < best {
+                    (best, next) = (squared, other as u16);
+                }
+            }
         }
+        if best >= before {
+            break;
+        }
+        place = next;
     }
     if best.is_finite() { best } else { 0.0 }
 }
