@@ -1,17 +1,18 @@
 //! The loop: group, simplify to half, split, until one cluster is left.
 
 use lodestream_format::Sphere;
+use lodestream_format::bounds::round_up;
 use lodestream_format::cluster::NO_GROUP;
 use lodestream_format::hierarchy::ROOT_ERROR;
 use lodestream_format::limits::MAX_LEVELS;
 use rayon::prelude::*;
 
 use super::borders::{Borders, ChunkBounds};
-use super::bounds;
+use super::bounds::{self, Terms};
 use super::cluster::{self, Birth, ClusterInfo, ClusterView};
 use super::error::BuildError;
 use super::neighbours::FixedPlaces;
-use super::packed::{Packed, unpack};
+use super::packed::{Packed, unpack, unpack_shape};
 use super::partition::{self, LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, chunks};
 use super::simplify::{Job, Placement, Workspace};
 use super::store::Store;
@@ -31,6 +32,8 @@ pub(super) struct Group {
     pub round: u32,
     pub lod_sphere: Sphere,
     pub parent_error_metres: f32,
+    /// Distance of the group's replacement from the source at most, metres.
+    pub surface_metres: f32,
 }
 
 /// Every cluster and every group of an asset.
@@ -179,10 +182,10 @@ impl Dag {
                     .iter()
                     .zip(&rules)
                     .map(|(&local, rules)| (views[local as usize], &rules[..]));
-                let replacement = self.replacement(plan, &members, views, effort, workspace);
-                (members, replacement)
+                let replacement = self.replacement(plan, &members, views, effort, workspace)?;
+                Ok((members, replacement))
             });
-        Ok(done.collect())
+        done.collect()
     }
 
     fn replacement<'a>(
@@ -192,34 +195,43 @@ impl Dag {
         views: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
         effort: Effort,
         workspace: &mut Workspace,
-    ) -> Option<Replacement> {
+    ) -> Result<Option<Replacement>, BuildError> {
         let level = self.level(members);
         if level as usize + 1 >= MAX_LEVELS {
-            return None;
+            return Ok(None);
         }
-        let job = Job {
-            grids: plan.grids,
-            placement: plan.placement,
-            level: level + 1,
-            merge: effort == Effort::LargeGroups,
-        };
-        let simplified = workspace.simplify(&job, views)?;
         let births: Vec<Birth> = members
             .iter()
             .map(|&member| self.birth(plan, member))
             .collect();
+        let members_metres: Vec<f32> = births.iter().map(|birth| birth.surface_metres).collect();
+        let job = Job {
+            grids: plan.grids,
+            placement: plan.placement,
+            level: level + 1,
+            members_metres: &members_metres,
+            merge: effort == Effort::LargeGroups,
+        };
+        let Some(simplified) = workspace.simplify(&job, views) else {
+            return Ok(None);
+        };
         let lod_sphere = bounds::lod_sphere(&births);
         let lod_sphere = bounds::grown(lod_sphere, plan.grids, &simplified.clusters);
-        let error_metres = bounds::parent_error(&births, &simplified, &lod_sphere);
+        let mut terms = Terms::new(&births, &simplified);
+        let (samples, known_metres) = (&simplified.samples, terms.surface_metres());
+        terms.back = workspace
+            .back
+            .measure(self, plan.grids, members, samples, known_metres)?;
         (plan.on_triangles)(self.triangles_of(members));
-        Some(Replacement {
+        Ok(Some(Replacement {
             clusters: Packed::new(&simplified.clusters),
             open_edges_moved: simplified.open_edges_moved,
             birth: Birth {
-                error_metres,
+                error_metres: round_up(terms.error_metres(&lod_sphere)),
+                surface_metres: round_up(terms.surface_metres()),
                 lod_sphere,
             },
-        })
+        }))
     }
 
     /// Words of some clusters, as [`ClusterView`] reads them.
@@ -233,18 +245,34 @@ impl Dag {
         clusters.iter().map(part).collect()
     }
 
+    /// Positions and triangles of a cluster.
+    pub fn shape(
+        &self,
+        cluster: u32,
+        positions: &mut Vec<[i32; 3]>,
+        triangles: &mut Vec<[u8; 4]>,
+    ) -> Result<(), BuildError> {
+        let info = &self.clusters[cluster as usize];
+        let (first, words) = (info.first_word as usize, info.words as usize);
+        let packed = self.store.part(info.blob, first, words)?;
+        unpack_shape(&packed, cluster::RECORD_WORDS, positions, triangles);
+        Ok(())
+    }
+
     /// What a cluster was born with.
     fn birth(&self, plan: Plan, cluster: u32) -> Birth {
         let info = &self.clusters[cluster as usize];
         match info.child_group {
             NO_GROUP => Birth {
                 error_metres: 0.0,
+                surface_metres: 0.0,
                 lod_sphere: bounds::around(plan.grids, info),
             },
             child => {
                 let group = &self.groups[child as usize];
                 Birth {
                     error_metres: group.parent_error_metres,
+                    surface_metres: group.surface_metres,
                     lod_sphere: group.lod_sphere,
                 }
             }
@@ -278,6 +306,7 @@ impl Dag {
             round,
             lod_sphere: replacement.birth.lod_sphere,
             parent_error_metres: replacement.birth.error_metres,
+            surface_metres: replacement.birth.surface_metres,
         });
         let first = self.add(replacement.clusters, child_group)?;
         next.extend(first..self.clusters.len() as u32);
@@ -302,6 +331,7 @@ impl Dag {
                     round,
                     lod_sphere: bounds::lod_sphere(&births),
                     parent_error_metres: ROOT_ERROR,
+                    surface_metres: ROOT_ERROR,
                 });
             }
         }
