@@ -13,19 +13,17 @@ use lodestream_format::cluster::NO_GROUP;
 use super::dag::Dag;
 use super::error::BuildError;
 use super::shape::{FourBoxes, Shape};
-use super::simplify::{STEP_MARGIN, Sample, Samples, closely, margin};
+use super::simplify::{CLOSE, STEP_MARGIN, Sample, Samples, closely, margin};
 use super::vertex::Grids;
 
 /// A cluster is looked at where its error is at most this share of what is known.
-const USEFUL: f32 = 0.25;
+const USEFUL: f32 = 0.4;
 /// Nothing finer is looked for where it is at most this share.
 const FINE: f32 = 1.0 / 16.0;
 /// A cluster that might bring a point nearer by less than this share is left out.
 const NEARER: f32 = 1.0 / 32.0;
 /// Samples that may be the farthest are measured first.
 const LEADERS: usize = 8;
-/// A triangle whose farthest sample has this share of the largest distance is looked at closely.
-const CLOSE: f32 = 0.75;
 /// Triangles that are looked at closely.
 const CLOSER_LOOKS: usize = 4;
 /// Most clusters whose triangles are kept, and most boxes of clusters, by four, between points.
@@ -139,20 +137,20 @@ impl Back {
         let mut highest: Vec<(f32, u32)> = Vec::new();
         for number in first.iter().copied().chain(others) {
             let Sample { at, most, triangle } = points[number as usize];
-            if most <= worst {
+            if most <= CLOSE * worst {
                 continue;
             }
-            let distance = self.distance(below, at, most, worst)?;
-            if distance > worst {
-                worst = distance;
-                highest.retain(|&(_, other)| other != triangle);
-                highest.push((distance, triangle));
+            let distance = self.distance(below, at, most, CLOSE * worst)?;
+            worst = worst.max(distance);
+            match highest.last_mut().filter(|last| last.1 == triangle) {
+                Some(last) => last.0 = last.0.max(distance),
+                None => highest.push((distance, triangle)),
             }
         }
-        for &(distance, triangle) in highest.iter().rev().take(CLOSER_LOOKS) {
-            if distance < CLOSE * worst {
-                break;
-            }
+        highest.retain(|&(distance, _)| distance > CLOSE * worst);
+        highest
+            .sort_unstable_by_key(|&(distance, triangle)| (Reverse(distance.to_bits()), triangle));
+        for &(_, triangle) in highest.iter().take(CLOSER_LOOKS) {
             for at in closely(triangles[triangle as usize]) {
                 worst = worst.max(self.distance(below, at, f32::INFINITY, worst)?);
             }

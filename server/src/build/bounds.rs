@@ -91,11 +91,11 @@ impl Terms {
             let all = births.iter().map(|birth| of(birth) as f64);
             all.fold(0.0, f64::max)
         };
-        let members = most(|birth| birth.error_metres);
+        let members_surface = most(|birth| birth.surface_metres);
         // Where parts vanish, points that were near to them, and so were not handed on, are as far
         // off as those now.
         let lost = match simplified.lost_metres > 0.0 {
-            true => simplified.lost_metres + HANDED_ON as f64 * members,
+            true => simplified.lost_metres + HANDED_ON as f64 * members_surface,
             false => 0.0,
         };
         Self {
@@ -103,8 +103,8 @@ impl Terms {
             back: 0.0,
             lost,
             attributes: simplified.attribute_metres,
-            members,
-            members_surface: most(|birth| birth.surface_metres),
+            members: most(|birth| birth.error_metres),
+            members_surface,
         }
     }
 

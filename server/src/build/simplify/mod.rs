@@ -25,7 +25,7 @@ use collapse::Collapser;
 use group::{GroupMesh, attribute_count};
 pub(super) use nearest::{Four, gather, to_triangles};
 use quadric::{cross, dot, sub};
-pub(super) use samples::{Sample, Samples, closely};
+pub(super) use samples::{CLOSE, Sample, Samples, closely};
 pub(super) use witness::HANDED_ON;
 use witness::{Court, Testimony};
 
@@ -38,7 +38,7 @@ const WORTH_A_SWEEP: f64 = 0.98;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
 const MARGIN: f64 = 1.2;
 /// The same for the new surface, which is sampled where it is loose.
-pub(super) const STEP_MARGIN: f64 = 1.1;
+pub(super) const STEP_MARGIN: f64 = 1.15;
 /// Share of the group's size that rounding in f32 may hide.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 /// Triangles of a full cluster.

@@ -5,7 +5,9 @@ use super::nearest::middle;
 
 type Corners = [[f32; 3]; 3];
 
-/// Parts of a side of a triangle that is looked at closely.
+/// A triangle is looked at closely where a sample has this share of the largest distance.
+pub(in super::super) const CLOSE: f32 = 0.75;
+/// Parts of a side of such a triangle.
 const CUTS: u32 = 5;
 
 /// A point of the new surface.

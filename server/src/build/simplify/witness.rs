@@ -17,7 +17,7 @@ use super::collapse::Collapser;
 use super::group::GroupMesh;
 use super::nearest::{Patch, middle, to_segment};
 use super::quadric::{dot, sub};
-use super::samples::{Samples, center};
+use super::samples::{CLOSE, Samples, center};
 use super::{MARGIN, STEP_MARGIN};
 
 /// A witness nearer than this share of the farthest one is not handed on.
@@ -205,7 +205,7 @@ impl Court {
         worst
     }
 
-    /// Points of the loose triangles that may be farther from the source than what is known: the
+    /// Points of the loose triangles that may be nearly as far from the source as what is known: the
     /// distance of the source, `worst`, and the members'.
     fn new_triangles<const L: usize>(
         &mut self,
@@ -216,7 +216,7 @@ impl Court {
         worst: f32,
     ) -> Samples {
         let most = members.iter().copied().fold(0.0, f32::max);
-        let known = (MARGIN as f32 * worst).max(most) / STEP_MARGIN as f32;
+        let known = CLOSE * (MARGIN as f32 * worst).max(most) / STEP_MARGIN as f32;
         self.find_reach(mesh, members, known);
         self.find_loose(state, mesh, origins);
         let places = |&vertices: &[u16; 3]| mesh.places(vertices).map(|place| place as u16);
