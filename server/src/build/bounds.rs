@@ -67,35 +67,61 @@ pub(super) fn with_rounding(error_metres: f32, grids: &Grids) -> f32 {
     round_up(error_metres as f64 + grids.rounding_metres()).min(ROOT_ERROR / 2.0)
 }
 
-/// Error of a group's replacement, metres: the source's distance to it, its own to the source, or its attributes' error,
-/// whichever is largest, but never less than any member's. Its own distance to the source is that to its members and
-/// theirs to the source: at most their sum, and the root of their squares where both are errors at random to each other; half
-/// way between holds where one alone does not (`lodestream-loadtests build`). Nothing is farther off than the lod sphere is
-/// wide, which holds both surfaces and only grows toward the root.
-pub(super) fn parent_error(births: &[Birth], simplified: &Simplified, lod_sphere: &Sphere) -> f32 {
-    let members = births
-        .iter()
-        .map(|birth| birth.error_metres as f64)
-        .fold(0.0, f64::max);
-    // At the outline of a fold all levels lie on the same side.
-    let back = match simplified.folded {
-        true => simplified.step_metres + members,
-        false => {
-            let step = simplified.step_metres;
-            0.5 * (step + members) + 0.5 * (step * step + members * members).sqrt()
+/// Error of a group's replacement, metres, term by term.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Terms {
+    /// Distance of the source from the replacement.
+    pub forward: f64,
+    /// Distance of the replacement from the source; 0 where it is not above the other distances.
+    pub back: f64,
+    /// Distance of parts that vanished from what is left.
+    pub lost: f64,
+    /// What attributes and materials count for.
+    pub attributes: f64,
+    /// Largest error of a member.
+    pub members: f64,
+    /// Largest distance of a member from the source.
+    pub members_surface: f64,
+}
+
+impl Terms {
+    /// Of a replacement, but for `back`.
+    pub fn new(births: &[Birth], simplified: &Simplified) -> Self {
+        let most = |of: fn(&Birth) -> f32| {
+            let all = births.iter().map(|birth| of(birth) as f64);
+            all.fold(0.0, f64::max)
+        };
+        let members_surface = most(|birth| birth.surface_metres);
+        // Where parts vanish, points that were near to them, and so were not handed on, are as far
+        // off as those now.
+        let lost = match simplified.lost_metres > 0.0 {
+            true => simplified.lost_metres + HANDED_ON as f64 * members_surface,
+            false => 0.0,
+        };
+        Self {
+            forward: simplified.distance_metres,
+            back: 0.0,
+            lost,
+            attributes: simplified.attribute_metres,
+            members: most(|birth| birth.error_metres),
+            members_surface,
         }
-    };
-    // Where parts vanish, points that were near to them, and so were not handed on, are as far off as those now.
-    let lost = match simplified.lost_metres > 0.0 {
-        true => simplified.lost_metres + HANDED_ON as f64 * members,
-        false => 0.0,
-    };
-    let error = simplified
-        .distance_metres
-        .max(back)
-        .max(lost)
-        .max(simplified.attribute_metres);
-    // Below the root's, whatever the size of the mesh.
-    let most = members.max(2.0 * lod_sphere.radius as f64);
-    round_up(error.max(members).min(most)).min(ROOT_ERROR / 2.0)
+    }
+
+    /// Bound of the distance of the replacement from the source.
+    pub fn surface_metres(&self) -> f64 {
+        self.forward.max(self.back).max(self.members_surface)
+    }
+
+    /// The largest term. Nothing is farther off than the lod sphere is wide, which holds both
+    /// surfaces and only grows toward the root.
+    pub fn error_metres(&self, lod_sphere: &Sphere) -> f64 {
+        let error = self.surface_metres().max(self.lost).max(self.attributes);
+        // Below the root's, whatever the size of the mesh.
+        let most = self.members.max(2.0 * lod_sphere.radius as f64);
+        error
+            .max(self.members)
+            .min(most)
+            .min(ROOT_ERROR as f64 / 2.0)
+    }
 }

@@ -6,6 +6,8 @@
 
 use super::vertex::Grids;
 
+/// Share of the first distance that the first budget is: some groups are finer than most.
+const FIRST: f64 = 0.5;
 /// Share of the triangles that a round should leave.
 const WANTED_LEFT: f64 = 0.5;
 /// Least and largest factor from one budget to the next.
@@ -24,7 +26,7 @@ impl Budgets {
     /// `first_metres` is the first budget, `size_metres` the size of the mesh.
     pub fn new(grids: &Grids, first_metres: f64, size_metres: f64) -> Self {
         Self {
-            metres: first_metres.max(grids.rounding_metres()),
+            metres: (FIRST * first_metres).max(grids.rounding_metres()),
             factor: 2.0,
             most_metres: size_metres,
         }

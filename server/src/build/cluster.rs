@@ -146,6 +146,8 @@ impl ClusterInfo {
 pub(super) struct Birth {
     /// Error of the group's replacement, metres; 0 for source triangles.
     pub error_metres: f32,
+    /// Distance of the replacement from the source at most, metres; 0 for source triangles.
+    pub surface_metres: f32,
     /// Lod sphere of that group.
     pub lod_sphere: Sphere,
 }

@@ -1,18 +1,19 @@
 //! The loop: group, simplify to half, split, until one cluster is left.
 
 use lodestream_format::Sphere;
+use lodestream_format::bounds::round_up;
 use lodestream_format::cluster::NO_GROUP;
 use lodestream_format::hierarchy::ROOT_ERROR;
 use lodestream_format::limits::MAX_LEVELS;
 use rayon::prelude::*;
 
 use super::borders::{Borders, ChunkBounds};
-use super::bounds;
+use super::bounds::{self, Terms};
 use super::budgets::Budgets;
 use super::cluster::{self, Birth, ClusterInfo, ClusterView};
 use super::error::BuildError;
 use super::neighbours::FixedPlaces;
-use super::packed::{Packed, unpack};
+use super::packed::{Packed, unpack, unpack_shape};
 use super::partition::{self, LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, chunks};
 use super::simplify::{Job, Placement, Workspace};
 use super::store::Store;
@@ -36,6 +37,8 @@ pub(super) struct Group {
     pub round: u32,
     pub lod_sphere: Sphere,
     pub parent_error_metres: f32,
+    /// Distance of the group's replacement from the source at most, metres.
+    pub surface_metres: f32,
 }
 
 /// Every cluster and every group of an asset.
@@ -131,7 +134,9 @@ impl Dag {
                 high[axis] = high[axis].max(info.high[axis]);
             }
         }
-        let extent = (0..3).map(|axis| high[axis] as i64 - low[axis] as i64).max();
+        let extent = (0..3)
+            .map(|axis| high[axis] as i64 - low[axis] as i64)
+            .max();
         let size_metres = extent.unwrap_or(0) as f64 * plan.grids.step_metres();
         let run = USUAL_GROUP_CLUSTERS.min(pool.len());
         let all = ChunkBounds { low, high };
@@ -140,19 +145,26 @@ impl Dag {
             .map_init(Workspace::default, |workspace, probe| {
                 let first = probe * (pool.len() - run) / PROBES.max(2).saturating_sub(1).max(1);
                 let parts = self.parts(&pool[first..first + run])?;
-                let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
+                let views: Vec<ClusterView> =
+                    parts.iter().map(|part| ClusterView::new(part)).collect();
                 let borders = Borders::new(&views);
                 let group: Vec<u32> = (0..run as u32).collect();
                 let rules = borders.rules(std::slice::from_ref(&group), &[all], plan.fixed);
-                let rules: Vec<Vec<u8>> = (0..run).map(|local| borders.rules_of(local, &views[local], &rules)).collect();
+                let rules: Vec<Vec<u8>> = (0..run)
+                    .map(|local| borders.rules_of(local, &views[local], &rules))
+                    .collect();
                 let job = Job {
                     grids: plan.grids,
                     placement: plan.placement,
                     level: 1,
                     merge: false,
+                    members_metres: &[],
                     budget_metres: f64::INFINITY,
                 };
-                let views = views.iter().copied().zip(rules.iter().map(|rules| &rules[..]));
+                let views = views
+                    .iter()
+                    .copied()
+                    .zip(rules.iter().map(|rules| &rules[..]));
                 Ok(workspace.typical_distance(&job, views))
             })
             .collect::<Result<Vec<_>, BuildError>>()?;
@@ -231,10 +243,11 @@ impl Dag {
                     .iter()
                     .zip(&rules)
                     .map(|(&local, rules)| (views[local as usize], &rules[..]));
-                let replacement = self.replacement(plan, &members, views, effort, budget_metres, workspace);
-                (members, replacement)
+                let replacement =
+                    self.replacement(plan, &members, views, effort, budget_metres, workspace)?;
+                Ok((members, replacement))
             });
-        Ok(done.collect())
+        done.collect()
     }
 
     fn replacement<'a>(
@@ -245,38 +258,48 @@ impl Dag {
         effort: Effort,
         budget_metres: f64,
         workspace: &mut Workspace,
-    ) -> Option<Replacement> {
+    ) -> Result<Option<Replacement>, BuildError> {
         let level = self.level(members);
         if level as usize + 1 >= MAX_LEVELS {
-            return None;
+            return Ok(None);
         }
-        let job = Job {
-            grids: plan.grids,
-            placement: plan.placement,
-            level: level + 1,
-            merge: effort == Effort::LargeGroups,
-            budget_metres,
-        };
-        let simplified = workspace.simplify(&job, views)?;
         let births: Vec<Birth> = members
             .iter()
             .map(|&member| self.birth(plan, member))
             .collect();
+        let members_metres: Vec<f32> = births.iter().map(|birth| birth.surface_metres).collect();
+        let job = Job {
+            grids: plan.grids,
+            placement: plan.placement,
+            level: level + 1,
+            members_metres: &members_metres,
+            merge: effort == Effort::LargeGroups,
+            budget_metres,
+        };
+        let Some(simplified) = workspace.simplify(&job, views) else {
+            return Ok(None);
+        };
         let lod_sphere = bounds::lod_sphere(&births);
         let lod_sphere = bounds::grown(lod_sphere, plan.grids, &simplified.clusters);
-        let error_metres = bounds::parent_error(&births, &simplified, &lod_sphere);
-        if budget_metres.is_finite() && error_metres as f64 > MOST_OVER * budget_metres {
-            return None;
+        let mut terms = Terms::new(&births, &simplified);
+        let (samples, known_metres) = (&simplified.samples, terms.surface_metres());
+        terms.back = workspace
+            .back
+            .measure(self, plan.grids, members, samples, known_metres)?;
+        let error_metres = terms.error_metres(&lod_sphere);
+        if budget_metres.is_finite() && error_metres > MOST_OVER * budget_metres {
+            return Ok(None);
         }
         (plan.on_triangles)(self.triangles_of(members));
-        Some(Replacement {
+        Ok(Some(Replacement {
             clusters: Packed::new(&simplified.clusters),
             open_edges_moved: simplified.open_edges_moved,
             birth: Birth {
-                error_metres,
+                error_metres: round_up(error_metres),
+                surface_metres: round_up(terms.surface_metres()),
                 lod_sphere,
             },
-        })
+        }))
     }
 
     /// Words of some clusters, as [`ClusterView`] reads them.
@@ -290,18 +313,34 @@ impl Dag {
         clusters.iter().map(part).collect()
     }
 
+    /// Positions and triangles of a cluster.
+    pub fn shape(
+        &self,
+        cluster: u32,
+        positions: &mut Vec<[i32; 3]>,
+        triangles: &mut Vec<[u8; 4]>,
+    ) -> Result<(), BuildError> {
+        let info = &self.clusters[cluster as usize];
+        let (first, words) = (info.first_word as usize, info.words as usize);
+        let packed = self.store.part(info.blob, first, words)?;
+        unpack_shape(&packed, cluster::RECORD_WORDS, positions, triangles);
+        Ok(())
+    }
+
     /// What a cluster was born with.
     fn birth(&self, plan: Plan, cluster: u32) -> Birth {
         let info = &self.clusters[cluster as usize];
         match info.child_group {
             NO_GROUP => Birth {
                 error_metres: 0.0,
+                surface_metres: 0.0,
                 lod_sphere: bounds::around(plan.grids, info),
             },
             child => {
                 let group = &self.groups[child as usize];
                 Birth {
                     error_metres: group.parent_error_metres,
+                    surface_metres: group.surface_metres,
                     lod_sphere: group.lod_sphere,
                 }
             }
@@ -335,6 +374,7 @@ impl Dag {
             round,
             lod_sphere: replacement.birth.lod_sphere,
             parent_error_metres: replacement.birth.error_metres,
+            surface_metres: replacement.birth.surface_metres,
         });
         let first = self.add(replacement.clusters, child_group)?;
         next.extend(first..self.clusters.len() as u32);
@@ -359,6 +399,7 @@ impl Dag {
                     round,
                     lod_sphere: bounds::lod_sphere(&births),
                     parent_error_metres: ROOT_ERROR,
+                    surface_metres: ROOT_ERROR,
                 });
             }
         }

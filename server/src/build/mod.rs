@@ -11,6 +11,7 @@
 //! source is. The stored error bounds the distance to the source (`simplify/witness`, `bounds`). Work runs in parallel and is
 //! merged in order: the same mesh and options give the same bytes, whatever the thread count and wherever it waits.
 
+mod back;
 mod borders;
 mod bounds;
 mod budgets;
@@ -32,6 +33,7 @@ mod parents;
 mod partition;
 mod report;
 mod scatter;
+mod shape;
 mod simplify;
 mod split;
 mod steps;

@@ -101,19 +101,68 @@ pub(super) fn unpack<const TABLES: usize>(
             let low = word(at);
             let width = bytes[at + 4] as usize;
             at += 5;
-            let values = &bytes[at..at + count as usize * width];
-            at += values.len();
             let slots = table.iter_mut().skip(plane).step_by(record_words);
-            match width {
-                0 => slots.for_each(|slot| *slot = low),
-                1 => fill::<1>(slots, values, low),
-                2 => fill::<2>(slots, values, low),
-                3 => fill::<3>(slots, values, low),
-                _ => fill::<4>(slots, values, low),
-            }
+            fill_wide(slots, &bytes[at..], low, width, count as usize);
+            at += count as usize * width;
         }
     }
     words
+}
+
+/// Of the words that were packed, the first three of the first table's records, the positions of a
+/// cluster, and the second table, its triangles.
+pub(super) fn unpack_shape<const TABLES: usize>(
+    packed: &[u32],
+    record_words: [usize; TABLES],
+    positions: &mut Vec<[i32; 3]>,
+    triangles: &mut Vec<[u8; 4]>,
+) {
+    let bytes: &[u8] = bytemuck::cast_slice(packed);
+    let word = |at: usize| u32::from_le_bytes(std::array::from_fn(|byte| bytes[at + byte]));
+    let [vertices, count] = [0, 1].map(|table| word(4 * table) as usize);
+    positions.clear();
+    positions.resize(vertices, [0; 3]);
+    triangles.clear();
+    triangles.resize(count, [0; 4]);
+    let mut at = 4 * TABLES;
+    let planes = if vertices > 0 { record_words[0] } else { 0 };
+    for plane in 0..planes {
+        let width = bytes[at + 4] as usize;
+        if plane < 3 {
+            let slots = positions.as_flattened_mut().iter_mut().skip(plane);
+            let slots = slots.step_by(3).map(bytemuck::cast_mut);
+            fill_wide(slots, &bytes[at + 5..], word(at), width, vertices);
+        }
+        at += 5 + vertices * width;
+    }
+    if count > 0 {
+        let slots = triangles.iter_mut().map(bytemuck::cast_mut);
+        fill_wide(
+            slots,
+            &bytes[at + 5..],
+            word(at),
+            bytes[at + 4] as usize,
+            count,
+        );
+    }
+}
+
+/// Fills `count` slots from numbers of `width` bytes.
+fn fill_wide<'a>(
+    slots: impl Iterator<Item = &'a mut u32>,
+    values: &[u8],
+    low: u32,
+    width: usize,
+    count: usize,
+) {
+    let values = &values[..count * width];
+    match width {
+        0 => slots.for_each(|slot| *slot = low),
+        1 => fill::<1>(slots, values, low),
+        2 => fill::<2>(slots, values, low),
+        3 => fill::<3>(slots, values, low),
+        _ => fill::<4>(slots, values, low),
+    }
 }
 
 fn fill<'a, const N: usize>(slots: impl Iterator<Item = &'a mut u32>, values: &[u8], low: u32) {
@@ -153,7 +202,15 @@ mod tests {
             let packed = Packed::new(&clusters);
             let own = packed.infos[0];
             prop_assert_eq!(own.words as usize, packed.words.len());
-            prop_assert_eq!(unpack(&packed.words, cluster::RECORD_WORDS), words);
+            prop_assert_eq!(&unpack(&packed.words, cluster::RECORD_WORDS), &words);
+            // The shape alone: what was there before is gone.
+            let (mut positions, mut triangles) = (vec![[7; 3]; 9], vec![[7; 4]; 9]);
+            let tables = cluster::RECORD_WORDS;
+            unpack_shape(&packed.words, tables, &mut positions, &mut triangles);
+            let view = cluster::ClusterView::new(&words);
+            let expected: Vec<[i32; 3]> = view.vertices.iter().map(|own| own.position).collect();
+            prop_assert_eq!(positions, expected);
+            prop_assert_eq!(&triangles[..], view.triangles);
         }
     }
 }

@@ -12,7 +12,8 @@ use super::collapse::{Collapser, Kept};
 use super::group::GroupMesh;
 use super::nearest::{Four, gather, middle, to_segment, to_triangles};
 use super::pairs::Pairs;
-use super::quadric::sub;
+use super::quadric::{cross, sub};
+use super::setup::is_fold;
 
 const NONE: u32 = u32::MAX;
 /// The middle of an edge that goes is kept where its squared distance is more than this share of
@@ -40,7 +41,7 @@ pub(super) struct Budget {
     moving: usize,
     /// Neighbours of the place on trial with the material of the triangle between, and the lines
     /// there: open edges, and edges between materials.
-    spokes: Vec<(u16, u16)>,
+    spokes: Vec<Spoke>,
     lines: Vec<[[f32; 3]; 2]>,
     /// Points that the trial looked at, and the triangle nearest to each.
     found: Vec<(u32, u16)>,
@@ -186,7 +187,11 @@ impl<const L: usize> Collapser<L> {
             if !others.contains(&to) {
                 continue;
             }
-            let third = if others[0] == to { others[1] } else { others[0] };
+            let third = if others[0] == to {
+                others[1]
+            } else {
+                others[0]
+            };
             let goes = |(triangle, _): (usize, usize)| {
                 let places = self.corners[triangle].map(|vertex| self.place(vertex));
                 places.contains(&from) && places.contains(&to)
@@ -194,7 +199,10 @@ impl<const L: usize> Collapser<L> {
             let [a, b, c] = places.map(|place| mesh.positions[place as usize]);
             // A place that loses its last triangle is a point of the source too, and a triangle
             // that nothing is drawn over leaves its middle.
-            let third = self.star(third).all(goes).then(|| mesh.positions[third as usize]);
+            let third = self
+                .star(third)
+                .all(goes)
+                .then(|| mesh.positions[third as usize]);
             let center = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
             let middles = uncovered.then(|| [middle(a, b), middle(b, c), middle(c, a)]);
             let middles = middles.into_iter().flatten();
@@ -210,7 +218,10 @@ impl<const L: usize> Collapser<L> {
         }
         // Two surfaces over the same places are farthest apart where their edges cross.
         let last = |other: u16| kept.iter().all(|own| own.others[0] != other);
-        let last = kept.iter().map(|own| own.others[1]).filter(|&other| last(other));
+        let last = kept
+            .iter()
+            .map(|own| own.others[1])
+            .filter(|&other| last(other));
         let others = kept.iter().map(|own| own.others[0]).chain(last);
         for other in others.chain([to]) {
             let at = middle(own, mesh.positions[other as usize]);
@@ -240,7 +251,9 @@ impl<const L: usize> Collapser<L> {
     /// Triangles that go when one place moves onto another.
     pub(super) fn dying(&self, from: u16, to: u16) -> usize {
         let shared = |&(triangle, _): &(usize, usize)| {
-            let mut places = self.corners[triangle].iter().map(|&vertex| self.place(vertex));
+            let mut places = self.corners[triangle]
+                .iter()
+                .map(|&vertex| self.place(vertex));
             places.any(|place| place == to)
         };
         self.star(from).filter(shared).count()
@@ -260,21 +273,32 @@ impl<const L: usize> Collapser<L> {
             mesh.welder.vertices[vertex].1
         };
         let at = |place: u16| mesh.positions[place as usize];
+        let normal = |places: [u16; 3]| {
+            let [a, b, c] = places.map(|place| mesh.positions[place as usize]);
+            cross(sub(b, a), sub(c, a))
+        };
         budget.spokes.clear();
         for own in kept {
             let slot = slot(own.triangle as usize);
-            budget.spokes.extend(own.others.map(|other| (other, slot)));
+            let normal = normal([to, own.others[0], own.others[1]]);
+            budget
+                .spokes
+                .extend(own.others.map(|other| (other, slot, normal)));
         }
         for (triangle, k) in self.star(to) {
             let places = self.corners[triangle].map(|vertex| self.place(vertex));
             if !places.contains(&from) {
                 let others = [places[(k + 1) % 3], places[(k + 2) % 3]];
-                let slot = slot(triangle);
-                budget.spokes.extend(others.map(|other| (other, slot)));
+                let (slot, normal) = (slot(triangle), normal([to, others[0], others[1]]));
+                budget
+                    .spokes
+                    .extend(others.map(|other| (other, slot, normal)));
             }
         }
         budget.lines.clear();
-        lines(&mut budget.spokes, |other| budget.lines.push([at(to), at(other)]));
+        lines(&mut budget.spokes, |other| {
+            budget.lines.push([at(to), at(other)])
+        });
         if !budget.is_near_line(at(from)) {
             return false;
         }
@@ -284,8 +308,10 @@ impl<const L: usize> Collapser<L> {
             for (triangle, k) in self.star(end) {
                 let places = self.corners[triangle].map(|vertex| self.place(vertex));
                 let others = [places[(k + 1) % 3], places[(k + 2) % 3]];
-                let slot = slot(triangle);
-                budget.spokes.extend(others.map(|other| (other, slot)));
+                let (slot, normal) = (slot(triangle), normal([end, others[0], others[1]]));
+                budget
+                    .spokes
+                    .extend(others.map(|other| (other, slot, normal)));
             }
             let mut spokes = std::mem::take(&mut budget.spokes);
             lines(&mut spokes, |other| {
@@ -330,9 +356,7 @@ impl<const L: usize> Collapser<L> {
             let point = match point {
                 NONE => {
                     let on_line = self.on_line[from as usize];
-                    budget
-                        .points
-                        .push((mesh.positions[from as usize], on_line));
+                    budget.points.push((mesh.positions[from as usize], on_line));
                     budget.next.push(NONE);
                     budget.points.len() as u32 - 1
                 }
@@ -352,12 +376,17 @@ impl<const L: usize> Collapser<L> {
     }
 }
 
-/// The neighbours to which a line leads: one triangle lies between, or two of different materials.
-fn lines(spokes: &mut [(u16, u16)], mut each: impl FnMut(u16)) {
-    spokes.sort_unstable();
+/// The neighbours to which a line leads: one triangle lies between, two of different materials, or
+/// two between which the surface turns back.
+fn lines(spokes: &mut [Spoke], mut each: impl FnMut(u16)) {
+    spokes.sort_unstable_by_key(|&(other, slot, _)| (other, slot));
     for spoke in spokes.chunk_by(|a, b| a.0 == b.0) {
-        if spoke.len() == 1 || spoke[0].1 != spoke[spoke.len() - 1].1 {
+        let folded = spoke.len() == 2 && is_fold(spoke[0].2, spoke[1].2);
+        if spoke.len() == 1 || folded || spoke[0].1 != spoke[spoke.len() - 1].1 {
             each(spoke[0].0);
         }
     }
 }
+
+/// A neighbour, with the material and the normal of a triangle between.
+type Spoke = (u16, u16, [f32; 3]);

@@ -24,6 +24,8 @@ pub(in super::super) struct GroupMesh {
     /// What may be done to each place; see `borders`.
     pub rules: Vec<u8>,
     pub triangles: Vec<[u16; 3]>,
+    /// First triangle of each cluster.
+    pub first_triangles: Vec<usize>,
     /// Points of the source that coarser levels answer for, and the triangle nearest to each.
     pub witnesses: Vec<Witness>,
     /// Grid index at the origin of `positions`.
@@ -42,10 +44,12 @@ impl GroupMesh {
         self.welder
             .clear(clusters.clone().map(|(view, _)| view.vertices.len()).sum());
         self.triangles.clear();
+        self.first_triangles.clear();
         self.witnesses.clear();
         self.rules.clear();
         for (view, rules) in clusters {
             let first = self.triangles.len();
+            self.first_triangles.push(first);
             let mut slots = view.slots();
             let mut current = None;
             for corners in view.triangles {
@@ -79,6 +83,23 @@ impl GroupMesh {
                 }));
         }
         self.place_positions();
+    }
+
+    /// Triangles of each cluster.
+    pub fn clusters(&self) -> impl Iterator<Item = &[[u16; 3]]> {
+        let ends = self.first_triangles.iter().copied().skip(1);
+        let ends = ends.chain([self.triangles.len()]);
+        let firsts = self.first_triangles.iter().copied();
+        firsts
+            .zip(ends)
+            .map(|(first, end)| &self.triangles[first..end])
+    }
+
+    /// Number of the cluster that a triangle came from.
+    pub fn cluster_of(&self, triangle: usize) -> usize {
+        self.first_triangles
+            .partition_point(|&first| first <= triangle)
+            - 1
     }
 
     fn place_positions(&mut self) {

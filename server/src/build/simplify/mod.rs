@@ -12,9 +12,11 @@ mod pairs;
 mod placement;
 mod quadric;
 mod queue;
+mod samples;
 mod setup;
 mod witness;
 
+use super::back::Back;
 use super::borders::OPEN;
 use super::cluster::{ClusterView, Witness};
 use super::clusterize::{Clusterizer, Clusters, Surface};
@@ -22,7 +24,9 @@ use super::measure;
 use super::vertex::Grids;
 use collapse::Collapser;
 use group::{GroupMesh, attribute_count};
+pub(super) use nearest::{Four, gather, to_triangles};
 use quadric::{cross, dot, sub};
+pub(super) use samples::{CLOSE, Sample, Samples, closely};
 pub(super) use witness::HANDED_ON;
 use witness::{Court, Testimony};
 
@@ -37,7 +41,7 @@ const WORTH_A_SWEEP: f64 = 0.98;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
 const MARGIN: f64 = 1.2;
 /// The same for the new surface, which is sampled where it is loose.
-const STEP_MARGIN: f64 = 1.25;
+pub(super) const STEP_MARGIN: f64 = 1.15;
 /// Share of the group's size that rounding in f32 may hide.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 /// Triangles of a full cluster.
@@ -80,16 +84,14 @@ pub(super) struct Simplified {
     pub clusters: Clusters,
     /// Distance of the source from the new surface, metres.
     pub distance_metres: f64,
-    /// Distance of the new surface from the group's, metres.
-    pub step_metres: f64,
+    /// Points of the new surface that may be farther from the source than that.
+    pub samples: Samples,
     /// Distance of parts of the group that vanished from what is left, metres.
     pub lost_metres: f64,
     /// Attributes' error, metres.
     pub attribute_metres: f64,
     /// Whether open edges of the surface moved.
     pub open_edges_moved: bool,
-    /// Whether the surface lies on itself somewhere.
-    pub folded: bool,
 }
 
 /// What a simplification needs beside the group.
@@ -99,6 +101,8 @@ pub(super) struct Job<'a> {
     pub placement: Placement,
     /// Level of the clusters that come out.
     pub level: u8,
+    /// Distance that each cluster may have from the source, metres.
+    pub members_metres: &'a [f32],
     /// Vertex clustering is allowed where collapses do not get further.
     pub merge: bool,
     /// Distance that the source may have from the result, metres; infinite where any is allowed.
@@ -116,6 +120,8 @@ pub(super) struct Workspace {
     court: Court,
     origins: Vec<[f32; 3]>,
     clusterizer: Clusterizer,
+    /// Measures what comes out.
+    pub back: Back,
 }
 
 impl Workspace {
@@ -155,6 +161,7 @@ impl Workspace {
             court,
             origins,
             clusterizer,
+            ..
         } = self;
         let result = match attribute_count(job.grids.attributes) {
             0 => collapse(plain, mesh, court, origins, job, target),
@@ -164,7 +171,7 @@ impl Workspace {
         };
         let result = match result {
             Some(result) => result,
-            None if job.merge => merged(mesh, target)?,
+            None if job.merge => merged(mesh, job, target)?,
             None => return None,
         };
         let metres = mesh.unit as f64 * job.grids.step_metres();
@@ -178,11 +185,10 @@ impl Workspace {
         Some(Simplified {
             clusters: clusterizer.clusterize(&surface, job.level),
             distance_metres: result.distance * metres,
-            step_metres: result.step * metres,
+            samples: result.samples,
             lost_metres: result.lost * metres,
             attribute_metres: result.attribute * metres,
             open_edges_moved: result.open_edges_moved,
-            folded: result.folded,
         })
     }
 }
@@ -190,7 +196,11 @@ impl Workspace {
 /// Half of the triangles, as a number of full clusters where one is near; a quarter where a budget
 /// ends the collapses.
 fn target(triangles: usize, budget_metres: f64) -> usize {
-    let share = if budget_metres.is_finite() { LEAST_LEFT } else { 0.5 };
+    let share = if budget_metres.is_finite() {
+        LEAST_LEFT
+    } else {
+        0.5
+    };
     let half = triangles as f64 * share;
     let full = (half / FULL as f64).round().max(1.0) * FULL as f64;
     if full <= 1.15 * half {
@@ -205,15 +215,14 @@ struct Outcome {
     triangles: Vec<[u32; 3]>,
     witnesses: Vec<Witness>,
     distance: f64,
-    step: f64,
+    samples: Samples,
     lost: f64,
     attribute: f64,
     open_edges_moved: bool,
-    folded: bool,
 }
 
 /// A measured distance with what the samples may have missed, `share` of it.
-fn margin(distance: f64, share: f64) -> f64 {
+pub(super) fn margin(distance: f64, share: f64) -> f64 {
     match distance > 0.0 {
         true => distance * share + ROUNDING,
         false => 0.0,
@@ -236,6 +245,13 @@ fn typical<const L: usize>(
     distances.sort_by(f32::total_cmp);
     let at = distances.len() * 9 / 10;
     distances.get(at).copied().unwrap_or(0.0) as f64
+}
+
+/// Distance that each cluster may have from the source, units.
+fn members(mesh: &GroupMesh, job: &Job) -> Vec<f32> {
+    let metres = mesh.unit as f64 * job.grids.step_metres();
+    let units = |&own: &f32| (own as f64 / metres) as f32;
+    job.members_metres.iter().map(units).collect()
 }
 
 fn collapse<const L: usize>(
@@ -269,12 +285,13 @@ fn collapse<const L: usize>(
     if job.placement == Placement::Optimal {
         placement::place(state, mesh, job.grids, &weights);
     }
+    let members = members(mesh, job);
     let Testimony {
         distance,
-        step,
+        samples,
         lost,
         witnesses,
-    } = court.hear(state, mesh, origins);
+    } = court.hear(state, mesh, origins, &members);
     let live: Vec<[u16; 3]> = (0..before)
         .filter(|&triangle| state.alive[triangle])
         .map(|triangle| state.corners[triangle])
@@ -286,17 +303,16 @@ fn collapse<const L: usize>(
         triangles: live.iter().map(|corners| corners.map(u32::from)).collect(),
         witnesses,
         distance: margin(distance as f64, MARGIN),
-        step: margin(step as f64, STEP_MARGIN),
+        samples,
         lost: margin(lost as f64, MARGIN),
         attribute: attribute.max(lost_material).max(moved) as f64,
         open_edges_moved: state.open_moved,
-        folded: state.folded.contains(&true),
     })
 }
 
 /// Vertex clustering, for loose parts and tangled topology. It knows nothing of attributes: all of them may be wrong, over
 /// a triangle each.
-fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
+fn merged(mesh: &GroupMesh, job: &Job, target: usize) -> Option<Outcome> {
     let (triangles, moved_to) = merge::merge(mesh, target);
     if triangles.is_empty() || triangles.len() as f64 > MOST_LEFT * mesh.triangles.len() as f64 {
         return None;
@@ -310,13 +326,14 @@ fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
     let after = at(&triangles);
     let step = measure::distance(&mesh.positions, &at(&mesh.triangles), &after, 0.0);
     let (witnesses, farthest) = witness::after_merge(mesh, &after, &moved_to);
+    let most = members(mesh, job).into_iter().fold(0.0, f32::max);
     let open_moved = |(vertex, &to): (usize, &u16)| {
         to as usize != vertex && mesh.rules[mesh.welder.place_of[vertex] as usize] == OPEN
     };
     Some(Outcome {
         attribute: mesh.typical_edge(&triangles) as f64,
         distance: margin(step.max(farthest), MARGIN),
-        step: margin(step, MARGIN),
+        samples: Samples::of(mesh, &triangles, step as f32 + most),
         lost: margin(step, MARGIN),
         witnesses,
         triangles: triangles
@@ -324,6 +341,5 @@ fn merged(mesh: &GroupMesh, target: usize) -> Option<Outcome> {
             .map(|corners| corners.map(u32::from))
             .collect(),
         open_edges_moved: moved_to.iter().enumerate().any(open_moved),
-        folded: true,
     })
 }

@@ -8,7 +8,7 @@ use super::quadric::{dot, sub};
 const SURE: f32 = 1.2;
 
 /// Corners of four triangles, by corner and axis.
-pub(super) type Four = [[Vec4; 3]; 3];
+pub(in super::super) type Four = [[Vec4; 3]; 3];
 
 /// Triangles between numbered places, with what is needed to walk from one to the next.
 #[derive(Debug, Default)]
@@ -155,7 +155,7 @@ impl Patch {
 
 /// Four triangles' corners side by side.
 #[inline(always)]
-pub(super) fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
+pub(in super::super) fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
     [0, 1, 2].map(|corner| {
         let axes = Mat4::from_cols(a[corner], b[corner], c[corner], d[corner]).transpose();
         [axes.x_axis, axes.y_axis, axes.z_axis]
@@ -163,7 +163,7 @@ pub(super) fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
 }
 
 /// Squared distances from a point to four triangles (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5).
-pub(super) fn to_triangles(at: [f32; 3], &[a, b, c]: &Four) -> Vec4 {
+pub(in super::super) fn to_triangles(at: [f32; 3], &[a, b, c]: &Four) -> Vec4 {
     let at = at.map(Vec4::splat);
     let (ab, ac, ap) = (sub4(b, a), sub4(c, a), sub4(at, a));
     let (bc, bp) = (sub4(c, b), sub4(at, b));

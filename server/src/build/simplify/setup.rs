@@ -29,6 +29,8 @@ pub(super) struct Around {
     pub(super) against: [u16; 2],
     /// Those two triangles.
     pub(super) triangles: [u16; 2],
+    /// Triangles at the edge.
+    pub(super) count: u8,
 }
 
 impl<const L: usize> Collapser<L> {
@@ -242,6 +244,7 @@ impl<const L: usize> Collapser<L> {
                             along: [NONE; 2],
                             against: [NONE; 2],
                             triangles: [NONE; 2],
+                            count: 0,
                         });
                     }
                     let own = &mut around[*slot as usize];
@@ -251,6 +254,7 @@ impl<const L: usize> Collapser<L> {
                         false => own.against = pair,
                     }
                     own.triangles[usize::from(!along)] = triangle as u16;
+                    own.count = own.count.saturating_add(1);
                 }
                 corner = self.next[corner as usize];
             }
@@ -270,10 +274,13 @@ impl<const L: usize> Collapser<L> {
         let differs = |end: usize| seam(mesh, edge.along[end], edge.against[end]);
         let folded = || {
             let [a, b] = edge.triangles.map(|triangle| self.normal(mesh, triangle));
-            let product = dot(a, b);
-            product < 0.0 && product * product > FOLD_COSINE_SQUARED * dot(a, a) * dot(b, b)
+            is_fold(a, b)
         };
         let ends = open || folded();
+        if ends && edge.count == 2 {
+            self.on_line[place as usize] = true;
+            self.on_line[edge.neighbour as usize] = true;
+        }
         if !ends && !differs(0) && !differs(1) {
             return;
         }
@@ -296,6 +303,12 @@ impl<const L: usize> Collapser<L> {
             self.quadrics[place].add_matrix(&plane);
         }
     }
+}
+
+/// Whether the surface turns back between two triangles of these normals.
+pub(super) fn is_fold(a: [f32; 3], b: [f32; 3]) -> bool {
+    let product = dot(a, b);
+    product < 0.0 && product * product > FOLD_COSINE_SQUARED * dot(a, a) * dot(b, b)
 }
 
 fn refill<T>(list: &mut Vec<T>, items: impl Iterator<Item = T>) {

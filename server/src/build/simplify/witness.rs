@@ -6,8 +6,9 @@
 //! whole surface.
 //!
 //! Between the vertices two surfaces are farthest apart where their edges cross, so where the quadrics say that the surface
-//! lies loose, the middles of the old edges bear witness too, and the new triangles are held against the old ones. All are
-//! samples; `MARGIN` is for what lies between them (`lodestream-loadtests build` measures what is left).
+//! lies loose, the middles of the old edges bear witness too, and points of the new triangles that may be farther from the
+//! source are handed to `back`. All are samples; `MARGIN` is for what lies between them (`lodestream-loadtests build`
+//! measures what is left).
 
 use super::super::borders::OPEN;
 use super::super::cluster::Witness;
@@ -16,6 +17,8 @@ use super::collapse::Collapser;
 use super::group::GroupMesh;
 use super::nearest::{Patch, middle, to_segment};
 use super::quadric::{dot, sub};
+use super::samples::{CLOSE, Samples, center};
+use super::{MARGIN, STEP_MARGIN};
 
 /// A witness nearer than this share of the farthest one is not handed on.
 pub(in super::super) const HANDED_ON: f32 = 0.25;
@@ -26,21 +29,16 @@ const LOOSE: f32 = 0.05;
 /// An edge of more than this times the typical length is looked at in four parts, not in two.
 const LONG: f32 = 1.4;
 
-/// Share of the largest squared distance that a triangle must have so that it is looked at once more.
-const CLOSE: f32 = 0.75;
-/// New triangles that are looked at once more, at more places.
-const CLOSER_LOOKS: usize = 4;
-/// Parts of a side of such a triangle.
-const CUTS: u32 = 5;
-const NOTHING: usize = usize::MAX;
+/// A point of the new surface nearer to the group than this share of what is known is no sample.
+const LEAST_STEP: f32 = 0.0625;
 
 /// What the witnesses of a group say.
 #[derive(Debug, Default)]
 pub(in super::super) struct Testimony {
     /// Farthest distance of the source from what stands for it, units.
     pub distance: f32,
-    /// Farthest distance of that from the group as it was, units.
-    pub step: f32,
+    /// Points of that which may be farther from the source.
+    pub samples: Samples,
     /// Farthest distance of parts that vanished from what is left, units.
     pub lost: f32,
     /// Those handed on, by triangle.
@@ -55,6 +53,9 @@ pub(super) struct Court {
     loose: Vec<bool>,
     /// Places where connections may have been given up.
     torn: Vec<bool>,
+
+    /// Distance of each place from the group as it was that matters.
+    reach: Vec<f32>,
     /// Where each place went.
     went: Vec<u16>,
     /// What is left, and the group as it was.
@@ -87,12 +88,14 @@ impl Court {
         distances
     }
 
-    /// Hears every place that went, every place that moved from its `origins`, and every witness handed on.
+    /// Hears every place that went, every place that moved from its `origins`, and every witness handed on. Each cluster
+    /// lies within its number of `members` of the source, units.
     pub fn hear<const L: usize>(
         &mut self,
         state: &Collapser<L>,
         mesh: &GroupMesh,
         origins: &[[f32; 3]],
+        members: &[f32],
     ) -> Testimony {
         self.went.clear();
         self.went
@@ -157,13 +160,15 @@ impl Court {
             vanished = self.search(mesh, &lost);
             worst = worst.max(vanished);
         }
-        self.find_loose(state, mesh, origins, worst);
+        self.reach.clear();
+        self.reach.resize(origins.len(), worst.sqrt());
+        self.find_loose(state, mesh, origins);
         let worst = self.old_edges(mesh, origins, worst);
-        let step = self.new_triangles(state, mesh, origins, worst);
+        let samples = self.new_triangles(state, mesh, origins, members, worst.sqrt());
         let least = HANDED_ON * HANDED_ON * worst;
         let mut testimony = Testimony {
             distance: worst.sqrt(),
-            step: step.sqrt(),
+            samples,
             lost: vanished.sqrt(),
             witnesses: Vec::new(),
         };
@@ -175,22 +180,34 @@ impl Court {
         testimony
     }
 
-    /// Marks the places whose quadrics promise an error near the largest one, and where they cannot: at creases
-    /// and folds.
+    /// Marks the places whose quadrics promise an error near the one that matters, and where they cannot: at
+    /// creases and folds.
     fn find_loose<const L: usize>(
         &mut self,
         state: &Collapser<L>,
         mesh: &GroupMesh,
         origins: &[[f32; 3]],
-        worst: f32,
     ) {
         self.torn.clone_from(&state.torn);
         self.loose.clear();
         self.loose.extend((0..origins.len()).map(|place| {
             let quadric = &state.quadrics[place];
             let offset = sub(mesh.positions[place], origins[place]);
-            state.creased[place] || quadric.at(offset) > LOOSE * worst * quadric.weight
+            let least = LOOSE * self.reach[place] * self.reach[place];
+            state.creased[place] || quadric.at(offset) > least * quadric.weight
         }));
+    }
+
+    /// What matters where the group may be off by as much as its `members`, if an error is `known`.
+    fn find_reach(&mut self, mesh: &GroupMesh, members: &[f32], known: f32) {
+        self.reach.fill(known);
+        for (cluster, triangles) in mesh.clusters().enumerate() {
+            let reach = (known - members[cluster]).max(LEAST_STEP * known);
+            for place in triangles.iter().flat_map(|&corners| mesh.places(corners)) {
+                let own = &mut self.reach[self.went[place] as usize];
+                *own = own.min(reach);
+            }
+        }
     }
 
     /// Largest squared distance, `worst` at least, of the middles of the group's old edges to what is left.
@@ -229,85 +246,78 @@ impl Court {
         worst
     }
 
-    /// Largest squared distance of samples of the loose triangles to the group as it was; what is less than a share of
-    /// `worst` is not looked at further.
+    /// Points of the loose triangles that may be nearly as far from the source as what is known: the
+    /// distance of the source, `worst`, and the members'.
     fn new_triangles<const L: usize>(
         &mut self,
         state: &Collapser<L>,
         mesh: &GroupMesh,
         origins: &[[f32; 3]],
+        members: &[f32],
         worst: f32,
-    ) -> f32 {
+    ) -> Samples {
+        let most = members.iter().copied().fold(0.0, f32::max);
+        let known = CLOSE * (MARGIN as f32 * worst).max(most) / STEP_MARGIN as f32;
+        self.find_reach(mesh, members, known);
+        self.find_loose(state, mesh, origins);
         let places = |&vertices: &[u16; 3]| mesh.places(vertices).map(|place| place as u16);
         self.old.set(origins, mesh.triangles.iter().map(places));
         let left = state.corners.iter().zip(&state.alive);
         let left = left.filter(|&(_, &alive)| alive);
         let left: Vec<[u16; 3]> = left.map(|(&corners, _)| corners).collect();
         let long = LONG * mesh.typical_edge(&left);
-        let mut step = 0.0f32;
-        // The triangles that lie farthest off in samples so far, farthest first.
-        let mut farthest = [(0.0f32, NOTHING); CLOSER_LOOKS];
-        for triangle in 0..state.corners.len() {
-            let places = mesh.places(state.corners[triangle]);
-            if !state.alive[triangle] || !places.iter().any(|&place| self.loose[place]) {
+        let mut samples = Samples::new(mesh);
+        let mut looked_at = vec![false; origins.len()];
+        let mut own = Vec::new();
+        for triangle in left {
+            let places = mesh.places(triangle);
+            if !places.iter().any(|&place| self.loose[place]) {
                 continue;
             }
-            let corners = places.map(|place| mesh.positions[place]);
-            let [a, b, c] = corners;
-            let center = std::array::from_fn(|axis| (a[axis] + b[axis] + c[axis]) / 3.0);
-            let mut own = 0.0f32;
+            own.clear();
+            let reach = places.map(|place| self.reach[place]);
+            let least = reach.into_iter().fold(known, f32::min).powi(2);
             let mut look_at = |at: [f32; 3], place: usize| {
-                let enough = (ENOUGH * worst).max(CLOSE * step);
-                if let Some((squared, _)) = self.old.nearest(at, &[place as u16], enough, enough) {
-                    own = own.max(squared);
+                // A walk that ends in a hollow says too much: the sample is measured all the same.
+                let found = self.old.nearest(at, &[place as u16], least, f32::INFINITY);
+                let Some((squared, nearest)) = found.filter(|&(squared, _)| squared > least) else {
+                    return;
+                };
+                let most = squared.sqrt() + members[mesh.cluster_of(nearest)];
+                if most > known {
+                    own.push((at, most));
                 }
             };
-            look_at(center, places[0]);
+            let corners = places.map(|place| mesh.positions[place]);
+            let middle_point = center(&corners);
+            look_at(middle_point, places[0]);
             for side in 0..3 {
-                let next = (side + 1) % 3;
-                let half = middle(corners[side], corners[next]);
-                if places[side] < places[next] {
-                    look_at(half, places[side]);
+                let (place, next) = (places[side], places[(side + 1) % 3]);
+                let (from, to) = (corners[side], corners[(side + 1) % 3]);
+                if !std::mem::replace(&mut looked_at[place], true) {
+                    look_at(from, place);
                 }
-                let along = sub(corners[next], corners[side]);
-                let folded = state.folded[places[side]];
+                let half = middle(from, to);
+                // Once for the two triangles of an edge; one that may be open may have no other.
+                if place < next || mesh.rules[place] == OPEN && mesh.rules[next] == OPEN {
+                    look_at(half, place);
+                }
+                let along = sub(to, from);
+                let folded = state.folded[place];
                 if folded || dot(along, along) > long * long {
-                    look_at(middle(corners[side], half), places[side]);
-                    look_at(middle(half, corners[next]), places[next]);
+                    look_at(middle(from, half), place);
+                    look_at(middle(half, to), next);
                 }
                 // Where the surface lies on itself, what is new may reach beyond its outline anywhere.
                 if folded {
-                    look_at(corners[side], places[side]);
-                    look_at(half, places[side]);
-                    look_at(middle(corners[side], center), places[side]);
+                    look_at(middle(from, middle_point), place);
                 }
             }
-            step = step.max(own);
-            let rank = farthest.iter().position(|&(other, _)| own > other);
-            if let Some(rank) = rank.filter(|_| own > 0.0) {
-                farthest[rank..].rotate_right(1);
-                farthest[rank] = (own, triangle);
+            if !own.is_empty() {
+                samples.add(corners, &own);
             }
         }
-        for (own, triangle) in farthest {
-            if triangle == NOTHING || own < CLOSE * step {
-                break;
-            }
-            let places = mesh.places(state.corners[triangle]);
-            let corners = places.map(|place| mesh.positions[place]);
-            for (weights, nearest) in between() {
-                let at = std::array::from_fn(|axis| {
-                    (0..3)
-                        .map(|corner| weights[corner] * corners[corner][axis])
-                        .sum()
-                });
-                let place = [places[nearest] as u16];
-                if let Some((squared, _)) = self.old.nearest(at, &place, step, step) {
-                    step = step.max(squared);
-                }
-            }
-        }
-        step
+        samples
     }
 
     fn keep(&mut self, triangle: usize, squared: f32, position: [i32; 3]) {
@@ -362,17 +372,6 @@ pub(super) fn after_merge(
     let handed_on = (0..).zip(&farthest).filter(|(_, own)| own.0 > least);
     let witnesses = handed_on.map(|(triangle, &(_, position))| Witness { position, triangle });
     (witnesses.collect(), worst.sqrt())
-}
-
-/// Weights of the corners at the points of a triangle that cut its sides in `CUTS` parts, and the corner that is nearest,
-/// without the corners themselves.
-fn between() -> impl Iterator<Item = ([f32; 3], usize)> {
-    let rows = (0..=CUTS).flat_map(|a| (0..=CUTS - a).map(move |b| [a, b, CUTS - a - b]));
-    let inner = rows.filter(|parts| !parts.contains(&CUTS));
-    inner.map(|parts| {
-        let nearest = (0..3).fold(0, |best, k| if parts[k] > parts[best] { k } else { best });
-        (parts.map(|part| part as f32 / CUTS as f32), nearest)
-    })
 }
 
 /// Squared distance to the nearest open edge, on a walk along the open edges from `place`; 0 where
