@@ -9,6 +9,8 @@ from surface import Surface
 PAIRS_AT_ONCE = 2_000_000
 # Triangles nearest by their middles whose distance bounds the search.
 FIRST_TRIES = 6
+# Distances below this share of the surface's extent are not lowered further.
+NEAR_ENOUGH = 1e-7
 
 
 def squared(v: np.ndarray) -> np.ndarray:
@@ -66,6 +68,7 @@ class Tree:
         usual = max(float(np.median(radius)), 1e-300)
         size = np.clip(np.log2(np.maximum(radius, usual) / usual) // 1.5, 0, 7).astype(np.uint64)
         order = np.argsort(interleaved(cells) | (size << np.uint64(60)), kind="stable")
+        self.near_enough = (NEAR_ENOUGH * span) ** 2
         self.corners = [np.ascontiguousarray(corners[order, i]) for i in range(3)]
         self.middles = cKDTree(middle[order], balanced_tree=False, compact_nodes=False)
         self.depth = max(len(order) - 1, 0).bit_length()
@@ -95,7 +98,8 @@ class Tree:
     def walk(self, points: np.ndarray, best: np.ndarray) -> np.ndarray:
         """Lowers squared distances to the least: boxes that are no nearer are left out, level by level."""
         best = best.copy()
-        stack = [(0, np.arange(len(points)), np.zeros(len(points), np.int64))]
+        far = np.flatnonzero(best > self.near_enough)
+        stack = [(0, far, np.zeros(len(far), np.int64))]
         while stack:
             level, who, box = stack.pop()
             if len(who) > PAIRS_AT_ONCE:

@@ -4,6 +4,7 @@ Its curve over counts belongs to the model alone, so it is kept in a file betwee
 
 import json
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -108,16 +109,22 @@ class Floor:
 
 
 class Floors:
-    """The curves of all models, one JSON file."""
+    """The curves of all models, one JSON file, to which several runs may add."""
 
     def __init__(self, file: Path):
         self.file = file
-        self.models = json.loads(file.read_text()) if file.exists() else {}
+        self.models = self.read()
+
+    def read(self) -> dict:
+        return json.loads(self.file.read_text()) if self.file.exists() else {}
 
     def of(self, name: str, source: Source) -> Floor:
         return Floor(source, self.models.setdefault(f"{name}:{len(source.surface.faces)}", {}))
 
     def keep(self) -> None:
-        written = self.file.with_suffix(".new")
+        for name, steps in self.read().items():
+            mine = self.models.setdefault(name, {})
+            mine |= {step: steps[step] for step in steps.keys() - mine.keys()}
+        written = self.file.with_suffix(f".{os.getpid()}")
         written.write_text(json.dumps(self.models, indent=1))
         written.replace(self.file)
