@@ -45,5 +45,8 @@ for model in stanford_dragon hotel_room apartment japanese_maple; do
 done
 loadtests/judges.sh --folder target/judges --out "$out/judges-now.json" --parts errors,view,curve "${judged[@]}" >"$out/judges.txt" ||
   echo "some models could not be judged"
+for model in "${judged[@]}"; do
+  cp "target/judges/pictures/$(basename "$model" .glb)"-960x540*.png "$out/"
+done
 cp loadtests/judges/before.json "$out/judges-before.json"
 "$loadtests" report "$out"

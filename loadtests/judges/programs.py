@@ -41,8 +41,8 @@ class Programs:
         self.run(program, *arguments, "--report", report, "--quiet")
         return json.loads(report.read_text())
 
-    def ingest(self, file: Path, scene: str) -> dict:
-        return self.reported(self.server, "ingest", file, "--library", self.library, "--scene", scene)
+    def ingest(self, file: Path, scene: str, *how) -> dict:
+        return self.reported(self.server, "ingest", file, "--library", self.library, "--scene", scene, *how)
 
     def export(self, scene: str, *how) -> Path:
         out = self.folder / "export.ply"

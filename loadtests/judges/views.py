@@ -10,6 +10,10 @@ from programs import Programs
 SIZE = (960, 540)
 # Sizes at which foliage is drawn.
 FOLIAGE_SIZES = ((64, 36), (160, 90), (320, 240), (640, 360), SIZE)
+# Pictures narrower than this are drawn again a little higher and wider, and their pixels added up:
+# the cover of a few hundred pixels depends on where their middles fall.
+NARROW_PX = 300
+MORE_PX = ((1, 0), (0, 1), (1, 1), (0, 2), (1, 2), (0, 3), (1, 3))
 # Pixel errors of the curves, in pixels of SIZE.
 CURVE_ERRORS_PX = (0.25, 0.5, 1, 2, 4, 8, 16, 32)
 # Curves need no picture: one this much smaller, at an error as much smaller, draws the same cut.
@@ -46,6 +50,9 @@ class View:
     psnr_covered_db: float | None = None
     reference_px: int | None = None
     differs_px: int | None = None
+    # The same, added up over several pictures.
+    cover_sum_px: int | None = None
+    reference_sum_px: int | None = None
 
     @property
     def triangles_a_pixel(self) -> float:
@@ -54,6 +61,8 @@ class View:
     @property
     def cover(self) -> float | None:
         """Covered pixels over those of full detail."""
+        if self.reference_sum_px:
+            return self.cover_sum_px / self.reference_sum_px
         return self.covered_px / self.reference_px if self.reference_px else None
 
     def json(self) -> dict:
@@ -93,6 +102,16 @@ def view(programs: Programs, scene: str, pictures: Path, size=SIZE, compared: bo
     for it in (stem, full):
         it.with_suffix(".pfm").unlink(missing_ok=True)
     return found
+
+
+def foliage(programs: Programs, scene: str, pictures: Path, size: tuple[int, int], again: bool) -> View:
+    """As `view`; of several pictures the covers are added up, and the triangles are those of the first."""
+    first = view(programs, scene, pictures, size)
+    if again and size[0] < NARROW_PX:
+        others = [view(programs, scene, pictures, (size[0] + w, size[1] + h)) for w, h in MORE_PX]
+        first.cover_sum_px = first.covered_px + sum(it.covered_px for it in others)
+        first.reference_sum_px = first.reference_px + sum(it.reference_px for it in others)
+    return first
 
 
 def curve(programs: Programs, scene: str, errors_px=CURVE_ERRORS_PX) -> list[dict]:
