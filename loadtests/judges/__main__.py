@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Holds a build against its goals: `make judges`. A row a model of ../shared/models, or of those named.
+"""Holds a build against its goals: `make judges`. A row a model of ../shared/models.
 
 Errors of cuts against exact distances and a plain simplifier, the default view at one pixel, what
 groups store over what is measured, foliage at several sizes, and rocks of any size.
@@ -26,7 +26,7 @@ from programs import MODELS, ROOT, Failed, Programs, from_environment
 
 PARTS = ("errors", "view", "promises", "curve", "foliage", "rocks")
 FOLIAGE = ("japanese_maple", "black_forest")
-# Scenes of more instances have no curve and are drawn once a size: a software adapter takes minutes.
+# Scenes of more instances have no curve and are drawn once a size: without a GPU that takes minutes.
 MOST_DRAWN_OFTEN = 100
 say = partial(print, flush=True)
 
@@ -54,7 +54,7 @@ def arguments() -> argparse.Namespace:
 
 
 class Run:
-    """Figures as they come: written after each, so that a run that ends early has shown something."""
+    """Figures as they come, written after each: a run that ends early has shown something."""
 
     def __init__(self, asked: argparse.Namespace, programs: Programs):
         self.asked, self.programs = asked, programs

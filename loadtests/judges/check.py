@@ -1,4 +1,4 @@
-"""The judge itself: distances by the tree against all triangles, and a cut that is off by a known amount."""
+"""The judge itself: distances by the tree against all triangles, a cut off by a known amount."""
 
 import numpy as np
 

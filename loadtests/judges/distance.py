@@ -1,4 +1,4 @@
-"""Exact distances of points to a triangle surface, in f64: a tree of boxes that all points walk at once."""
+"""Exact distances of points to a triangle surface, in f64: all points walk one tree of boxes."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -38,7 +38,7 @@ def to_triangles(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> 
     inside = dot(np.cross(ab, p - a), normal) >= 0
     inside &= dot(np.cross(bc, p - b), normal) >= 0
     inside &= dot(np.cross(ca, p - c), normal) >= 0
-    # The interior of a flatter triangle lies as near as its rim, to more digits than its normal has.
+    # Flatter triangles: the interior lies as near as the rim, to more digits than the normal has.
     longest = np.maximum(np.maximum(squared(ab), squared(bc)), squared(ca))
     inside &= size > 1e-20 * longest**2
     height = dot(p - a, normal) ** 2 / np.where(inside, size, 1)
@@ -96,7 +96,7 @@ class Tree:
         return np.sqrt(best)
 
     def walk(self, points: np.ndarray, best: np.ndarray) -> np.ndarray:
-        """Lowers squared distances to the least: boxes that are no nearer are left out, level by level."""
+        """Lowers squared distances to the least. Boxes that are no nearer are left out."""
         best = best.copy()
         far = np.flatnonzero(best > self.near_enough)
         stack = [(0, far, np.zeros(len(far), np.int64))]

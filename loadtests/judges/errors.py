@@ -1,4 +1,4 @@
-"""Cuts at four errors: the share of the error that they use, and triangles against the plain simplifier."""
+"""Cuts at four errors: the share that they use, and triangles against the plain simplifier."""
 
 import math
 import time
@@ -24,7 +24,8 @@ class ErrorRow:
     share: float
     source: int
     triangles: int
-    # Largest distances as shares of the error: over all points, each way, and over the shared judge's samples.
+    # Largest distances as shares of the error: over all points, each way, and over the samples
+    # of the shared judge.
     largest: float
     to_cut: float
     to_source: float
@@ -121,6 +122,8 @@ def said(figures: dict) -> list[str]:
         f"largest distance / E: never above 1 wanted, {figures['largest']:.3f} found (all points)",
         f"median of distance / E: at least 0.6 wanted, {figures['judged_median']:.3f} found by 3,000 samples, {figures['largest_median']:.3f} by all points",
         f"least median of a model: at least 0.4 wanted, {figures['least_model_median']:.3f} found ({figures['least_model']})",
-        f"triangles / plain simplifier, geometric mean: at most 1.5 wanted, {shown(figures['ratio'])} found,"
-        f" {shown(figures['ratio_judged'])} by 3,000 samples, {shown(figures['ratio_equal'])} at equal distance",
+        (
+            f"triangles / plain simplifier, geometric mean: at most 1.5 wanted, {shown(figures['ratio'])} found,"
+            f" {shown(figures['ratio_judged'])} by 3,000 samples, {shown(figures['ratio_equal'])} at equal distance"
+        ),
     ]

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Only the cuts' errors: export_error.py [--folder DIR] [--floors FILE.json] [--out FILE.json] MODEL...
+"""Only the cuts' errors: export_error.py [--floors FILE.json] [--out FILE.json] MODEL...
 
 SERVER names the binary; a MODEL is a file, or a name in ../shared/models."""
 

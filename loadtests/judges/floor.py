@@ -1,5 +1,6 @@
-"""Triangles that a plain whole-mesh simplifier needs for a distance: no attributes, clusters or levels.
+"""Triangles that a plain whole-mesh simplifier needs for a distance.
 
+It knows no attributes, clusters or levels.
 Its curve over counts belongs to the model alone, so it is kept in a file between runs."""
 
 import json
@@ -34,7 +35,7 @@ def probes(surface: Surface, seed: int) -> np.ndarray:
 
 @dataclass
 class Distances:
-    """Largest distances both ways, metres; `judged` has only the samples that the shared judge takes."""
+    """Largest distances both ways, metres; `judged` is over the shared judge's samples alone."""
 
     to_cut: float
     to_source: float

@@ -29,7 +29,7 @@ class Programs:
     def run(self, program: Path, *arguments) -> float:
         """Seconds that the command took."""
         started = time.monotonic()
-        ended = subprocess.run([program, *map(str, arguments)], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+        ended = subprocess.run([program, *map(str, arguments)], check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True)
         if ended.returncode:
             said = " ".join(ended.stderr.split()) or "nothing said"
             raise Failed(f"{program.name} {arguments[0]} exits {ended.returncode}: {said}")

@@ -12,9 +12,7 @@ def promises(programs: Programs, scene: str) -> dict:
     """Percentiles of stored over measured, groups that exceed, and the levels of the largest asset.
 
     Of several assets the percentiles are means over groups."""
-    said = programs.reported(
-        programs.loadtests, "measure", programs.library, "--scene", scene, "--largest", ASSETS, "--samples", LEVEL_SAMPLES
-    )
+    said = programs.reported(programs.loadtests, "measure", programs.library, "--scene", scene, "--largest", ASSETS, "--samples", LEVEL_SAMPLES)
     rows = [it for it in said["promises"] if it["measured"]]
     measured = sum(it["measured"] for it in rows)
 

@@ -73,7 +73,7 @@ def at_least(text: str, bound: float, found: float | None) -> str:
 
 
 def simplified_well(cuts: list[dict]) -> list[dict]:
-    """The plain simplifier knows no open edges: it eats them, and little error is left for the rest."""
+    """The plain simplifier eats open edges, and little error is left for the rest."""
     well = {it["model"] for it in cuts if it["share"] == max(errors.SHARES) and it["plain_judged"] and it["plain_judged"] < it["source"] / 10}
     return [it for it in cuts if it["model"] in well]
 

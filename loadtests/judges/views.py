@@ -1,4 +1,4 @@
-"""The default view: triangles, bytes and pages to settle, covered pixels, and the picture against full detail."""
+"""The default view: triangles, bytes and pages to settle, pixels, the picture against full detail."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -105,7 +105,7 @@ def view(programs: Programs, scene: str, pictures: Path, size=SIZE, compared: bo
 
 
 def foliage(programs: Programs, scene: str, pictures: Path, size: tuple[int, int], again: bool) -> View:
-    """As `view`; of several pictures the covers are added up, and the triangles are those of the first."""
+    """As `view`. Covers of several pictures are added up; triangles are those of the first."""
     first = view(programs, scene, pictures, size)
     if again and size[0] < NARROW_PX:
         others = [view(programs, scene, pictures, (size[0] + w, size[1] + h)) for w, h in MORE_PX]
