@@ -1,5 +1,5 @@
 # Each target installs what a fresh Debian or Ubuntu machine with Rust, a C compiler and make still lacks, or says what to install.
-.PHONY: demo test test-s3 cases servers kills faults abuse schemathesis replicas priorities report bench lint build
+.PHONY: demo test test-s3 cases servers kills faults abuse schemathesis replicas priorities report judges bench lint build
 
 CARGO ?= cargo
 
@@ -62,6 +62,13 @@ replicas: build
 report: build
 	@.ci/vulkan
 	@loadtests/report.sh
+
+# The build against its goals, a row a model of ../shared/models: target/judges. MODELS, PARTS and
+# ROCKS (millions of triangles: 1,100) choose, BEFORE is the JSON of another run; SERVER, CLIENT and
+# LOADTESTS name other programs.
+judges: build
+	@.ci/vulkan
+	@loadtests/judges.sh $(if $(BEFORE),--before "$(BEFORE)") $(if $(PARTS),--parts "$(PARTS)") $(if $(ROCKS),--rocks "$(ROCKS)") $(MODELS)
 
 # Pages in the order of what all instances gain, against the largest gain: target/priorities.
 priorities: build

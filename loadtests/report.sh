@@ -37,4 +37,16 @@ rm -f "$out"/*.pfm
 "$loadtests" stability --report "$out/stability-all.json" || echo "some rows of the stability table do not hold"
 ROWS=made CLAIMS="$out/stability-scenes.json" loadtests/cases/__main__.py || echo "some generated scenes do not hold"
 loadtests/cases/sheets.py "$out"
+
+# Triangles and bytes over the error, beside those of the builder before simplification by error.
+judged=("$out/belweder.glb" "$out/rock.glb")
+for model in stanford_dragon hotel_room apartment japanese_maple; do
+  [ ! -e "../shared/models/$model.glb" ] || judged+=("$model")
+done
+loadtests/judges.sh --folder target/judges --out "$out/judges-now.json" --parts errors,view,curve "${judged[@]}" >"$out/judges.txt" ||
+  echo "some models could not be judged"
+for model in "${judged[@]}"; do
+  cp "target/judges/pictures/$(basename "$model" .glb)"-960x540*.png "$out/"
+done
+cp loadtests/judges/before.json "$out/judges-before.json"
 "$loadtests" report "$out"

@@ -73,7 +73,9 @@ pub enum Command {
     },
     /// Gather the JSON reports and pictures of a folder in one page, `index.html`.
     Report {
-        /// Holds `build-*.json`, `builders-*.json`, `pages-*.json`, `draw-*.json`, `compare-*.json`, `play-*.json`, `policies-*.json`, `load-*.json` and `*.png`.
+        /// Holds `build-*.json`, `builders-*.json`, `pages-*.json`, `draw-*.json`,
+        /// `compare-*.json`, `play-*.json`, `policies-*.json`, `load-*.json`, `judges-*.json` and
+        /// `*.png`.
         folder: PathBuf,
     },
 }

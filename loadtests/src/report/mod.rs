@@ -2,9 +2,11 @@
 //!
 //! Files are told apart by their names: `build-*.json` (ingest), `draw-*.json` (render), `compare-*.json`, `play-*.json`,
 //! `policies-*.json`, `load-*.json`, `builders-*.json` (`build`), `pages-*.json`,
-//! `stability-*.json`, `sheets-*.json`; pictures are `*.png`. A section without files is left out.
+//! `stability-*.json`, `sheets-*.json`, `judges-*.json`; pictures are `*.png`. A section without
+//! files is left out.
 
 mod builders;
+mod judges;
 mod pages;
 mod plot;
 mod sections;

@@ -2,13 +2,14 @@
 
 use std::fmt::Write;
 
-use super::{Plot, Run, Runs, Series, builders, escape, number, pages, sheets, stability};
+use super::{Plot, Run, Runs, Series, builders, escape, judges, number, pages, sheets, stability};
 
 /// The sections in order.
-pub(super) const ALL: [fn(&Runs) -> String; 11] = [
+pub(super) const ALL: [fn(&Runs) -> String; 12] = [
     pictures,
     build,
     builders::section,
+    judges::section,
     pages::section,
     stability::section,
     sheets::section,
