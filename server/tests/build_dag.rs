@@ -101,7 +101,7 @@ fn closed_smooth_meshes_come_down_to_one_cluster() {
         assert_eq!(root.len(), 1);
         assert_eq!(root[0].cluster_count, 1);
         assert_eq!(built.report.groups_with_moved_open_edges, 0);
-        assert!(built.report.dag_triangles < 21 * built.report.triangles / 10);
+        assert!(built.report.dag_triangles < 24 * built.report.triangles / 10);
         assert!(read.source_sums().is_empty());
     }
 }
@@ -228,10 +228,11 @@ fn bytes_do_not_depend_on_the_thread_count() {
 #[test]
 fn clusters_are_full() {
     for (mesh, least) in [
-        (meshes::torus(300, 120), 127.0),
+        // A group that its budget ends is no whole number of clusters.
+        (meshes::torus(300, 120), 122.0),
         // Sheets of two triangles over four vertices: full by vertices, not by triangles.
         (meshes::cards(30_000), 84.0),
-        (meshes::unwelded(&meshes::sphere(60, 1.0, [0.0; 3])), 120.0),
+        (meshes::unwelded(&meshes::sphere(60, 1.0, [0.0; 3])), 118.0),
     ] {
         let report = built(&mesh).report;
         let fill = report.cluster_fill;

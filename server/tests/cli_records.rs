@@ -431,8 +431,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            9,
-            "3b63db05f093b42e0f0c0c6307026d4af467400d337cdf2261077808c7c968bb"
+            10,
+            "c1520a2ed520526db416df8f611a2857d159bc739d478eca8a3d5fb11d30bb0a"
         ),
     );
 }
