@@ -228,7 +228,11 @@ fn pages_that_are_damaged_in_the_library_are_errors_and_never_taken() {
     let last = pack.len() - 1;
     pack[last] ^= 1;
     std::fs::write(&largest.1, pack).unwrap();
-    let report = served.load(|options| options.viewers = 2);
+    let report = served.load(|options| {
+        options.viewers = 2;
+        // So fine that both viewers want it.
+        options.pixel_error_px = 0.1;
+    });
     // The server does not send them.
     assert!(report.errors > 0 && report.damaged == 0, "{report:?}");
     let first_error = report.first_error.unwrap();

@@ -283,7 +283,7 @@ fn bumpy_sphere(rings: u32, sectors: u32) -> Mesh {
 
 #[test]
 fn built_assets_cut_as_brute_force_says() {
-    let built = build(bumpy_sphere(96, 128), &BuildOptions::default()).unwrap();
+    let built = build(bumpy_sphere(192, 256), &BuildOptions::default()).unwrap();
     let hierarchy =
         Hierarchy::decode(&built.hierarchy_bytes, built.asset.pages.len() as u32).unwrap();
     let pages = unpack_pages(&built).unwrap();
