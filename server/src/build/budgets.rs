@@ -4,12 +4,24 @@
 //! chosen so that its round halves the triangles again: how the last one did says how fast they
 //! fall with the distance.
 
-use super::vertex::Grids;
+use rayon::prelude::*;
+
+use super::borders::{Borders, ChunkBounds};
+use super::cluster::ClusterView;
+use super::dag::{Dag, Plan};
+use super::error::BuildError;
+use super::partition::USUAL_GROUP_CLUSTERS;
+use super::simplify::{Job, Workspace};
+
+/// Runs of clusters that the first budget is taken from.
+const PROBES: usize = 8;
 
 /// Share of the first distance that the first budget is: some groups are finer than most.
 const FIRST: f64 = 0.5;
 /// Share of the triangles that a round should leave.
 const WANTED_LEFT: f64 = 0.5;
+/// Factor that the first round is taken to have grown by.
+const FACTOR: f64 = 2.0;
 /// Least and largest factor from one budget to the next.
 const FACTORS: [f64; 2] = [1.5, 4.0];
 
@@ -23,13 +35,40 @@ pub(super) struct Budgets {
 }
 
 impl Budgets {
-    /// `first_metres` is the first budget, `size_metres` the size of the mesh.
-    pub fn new(grids: &Grids, first_metres: f64, size_metres: f64) -> Self {
-        Self {
-            metres: (FIRST * first_metres).max(grids.rounding_metres()),
-            factor: 2.0,
-            most_metres: size_metres,
+    /// Those of the clusters of `pool`, from a few runs of them, evenly spread.
+    ///
+    /// # Errors
+    /// A store that cannot be read.
+    pub fn of(dag: &Dag, plan: Plan, pool: &[u32]) -> Result<Self, BuildError> {
+        let mut all = ChunkBounds {
+            low: [i32::MAX; 3],
+            high: [i32::MIN; 3],
+        };
+        for info in &dag.clusters {
+            for axis in 0..3 {
+                all.low[axis] = all.low[axis].min(info.low[axis]);
+                all.high[axis] = all.high[axis].max(info.high[axis]);
+            }
         }
+        let side = |axis: usize| all.high[axis] as i64 - all.low[axis] as i64;
+        let extent = (0..3).map(side).max().unwrap_or(0).max(0);
+        let run = USUAL_GROUP_CLUSTERS.min(pool.len());
+        let probes = pool.len().div_ceil(run.max(1)).min(PROBES);
+        let first_of = |probe: usize| probe * (pool.len() - run) / (probes - 1).max(1);
+        let mut found: Vec<f64> = (0..probes)
+            .into_par_iter()
+            .map_init(Workspace::default, |workspace, probe| {
+                let clusters = &pool[first_of(probe)..][..run];
+                typical_metres(dag, plan, clusters, all, workspace)
+            })
+            .collect::<Result<_, _>>()?;
+        found.sort_by(f64::total_cmp);
+        let first_metres = FIRST * found.get(found.len() / 2).copied().unwrap_or(0.0);
+        Ok(Self {
+            metres: first_metres.max(plan.grids.rounding_metres()),
+            factor: FACTOR,
+            most_metres: extent as f64 * plan.grids.step_metres(),
+        })
     }
 
     /// Budget of the next round, metres.
@@ -51,5 +90,81 @@ impl Budgets {
         let wanted = ((1.0 / WANTED_LEFT).ln() / falls).exp();
         self.factor = wanted.clamp(FACTORS[0], FACTORS[1]);
         self.metres *= self.factor;
+    }
+}
+
+/// Distance that most places of some clusters keep to when half of their triangles go, the border
+/// untouched.
+fn typical_metres(
+    dag: &Dag,
+    plan: Plan,
+    clusters: &[u32],
+    all: ChunkBounds,
+    workspace: &mut Workspace,
+) -> Result<f64, BuildError> {
+    let parts = dag.parts(clusters)?;
+    let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
+    let borders = Borders::new(&views);
+    let group: Vec<u32> = (0..views.len() as u32).collect();
+    let rules = borders.rules(&[group], &[all], plan.fixed);
+    let rules: Vec<Vec<u8>> = views
+        .iter()
+        .enumerate()
+        .map(|(number, view)| borders.rules_of(number, view, &rules))
+        .collect();
+    let job = Job {
+        grids: plan.grids,
+        placement: plan.placement,
+        level: 1,
+        members_metres: &[],
+        merge: false,
+        budget_metres: f64::INFINITY,
+    };
+    let views = views
+        .iter()
+        .copied()
+        .zip(rules.iter().map(|rules| &rules[..]));
+    Ok(workspace.typical_metres(&job, views))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn budgets_grow_until_any_distance_is_allowed() {
+        let mut budgets = Budgets {
+            metres: 1e-6,
+            factor: FACTOR,
+            most_metres: 10.0,
+        };
+        let mut rounds = 0;
+        while budgets.is_limited() {
+            let before = budgets.metres();
+            // All kinds of headway, none at all among them.
+            budgets.advance([1.0, 0.5, 0.9, 0.0, 0.2][rounds % 5]);
+            let factor = budgets.metres() / before;
+            assert!(
+                factor >= FACTORS[0] - 1e-9
+                    && (factor <= FACTORS[1] + 1e-9 || factor.is_infinite()),
+                "{factor}"
+            );
+            rounds += 1;
+        }
+        assert!(budgets.metres().is_infinite() && rounds < 40, "{rounds}");
+    }
+
+    #[test]
+    fn a_round_that_leaves_half_goes_on_as_it_was() {
+        let mut budgets = Budgets {
+            metres: 1.0,
+            factor: 2.0,
+            most_metres: 1e9,
+        };
+        budgets.advance(0.5);
+        assert!((budgets.metres() - 2.0).abs() < 1e-9);
+        // Triangles that fall more slowly ask for larger steps.
+        budgets.advance(0.7);
+        assert!(budgets.metres() > 4.0 * 1.5);
     }
 }

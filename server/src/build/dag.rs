@@ -1,4 +1,4 @@
-//! The loop: group, simplify to half, split, until one cluster is left.
+//! The loop: group, simplify as far as the round's budget goes, split, until one cluster is left.
 
 use lodestream_format::Sphere;
 use lodestream_format::bounds::round_up;
@@ -23,8 +23,6 @@ use super::vertex::Grids;
 const NO_HEADWAY: f64 = 0.95;
 /// A group whose error is more than this times its budget waits for a larger one.
 const MOST_OVER: f64 = 3.0;
-/// Runs of clusters that the first budget is taken from.
-const PROBES: usize = 8;
 
 /// Clusters that are refined together.
 #[derive(Debug)]
@@ -100,7 +98,7 @@ impl Dag {
         let mut pool: Vec<u32> = (0..self.clusters.len() as u32).collect();
         let mut effort = Effort::Usual;
         let mut round = 0;
-        let mut budgets = self.budgets(plan, &pool)?;
+        let mut budgets = Budgets::of(self, plan, &pool)?;
         while pool.len() > 1 {
             let before = self.triangles_of(&pool);
             pool = self.round(plan, &pool, round, effort, budgets.metres())?;
@@ -123,54 +121,6 @@ impl Dag {
             *error_metres = bounds::with_rounding(*error_metres, plan.grids);
         }
         Ok(())
-    }
-
-    /// Budgets from a few runs of clusters, evenly spread.
-    fn budgets(&self, plan: Plan, pool: &[u32]) -> Result<Budgets, BuildError> {
-        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
-        for info in &self.clusters {
-            for axis in 0..3 {
-                low[axis] = low[axis].min(info.low[axis]);
-                high[axis] = high[axis].max(info.high[axis]);
-            }
-        }
-        let extent = (0..3)
-            .map(|axis| high[axis] as i64 - low[axis] as i64)
-            .max();
-        let size_metres = extent.unwrap_or(0) as f64 * plan.grids.step_metres();
-        let run = USUAL_GROUP_CLUSTERS.min(pool.len());
-        let all = ChunkBounds { low, high };
-        let mut found: Vec<f64> = (0..PROBES.min(pool.len().div_ceil(run)))
-            .into_par_iter()
-            .map_init(Workspace::default, |workspace, probe| {
-                let first = probe * (pool.len() - run) / PROBES.max(2).saturating_sub(1).max(1);
-                let parts = self.parts(&pool[first..first + run])?;
-                let views: Vec<ClusterView> =
-                    parts.iter().map(|part| ClusterView::new(part)).collect();
-                let borders = Borders::new(&views);
-                let group: Vec<u32> = (0..run as u32).collect();
-                let rules = borders.rules(std::slice::from_ref(&group), &[all], plan.fixed);
-                let rules: Vec<Vec<u8>> = (0..run)
-                    .map(|local| borders.rules_of(local, &views[local], &rules))
-                    .collect();
-                let job = Job {
-                    grids: plan.grids,
-                    placement: plan.placement,
-                    level: 1,
-                    merge: false,
-                    members_metres: &[],
-                    budget_metres: f64::INFINITY,
-                };
-                let views = views
-                    .iter()
-                    .copied()
-                    .zip(rules.iter().map(|rules| &rules[..]));
-                Ok(workspace.typical_distance(&job, views))
-            })
-            .collect::<Result<Vec<_>, BuildError>>()?;
-        found.sort_by(f64::total_cmp);
-        let first_metres = found.get(found.len() / 2).copied().unwrap_or(0.0);
-        Ok(Budgets::new(plan.grids, first_metres, size_metres))
     }
 
     fn triangles_of(&self, pool: &[u32]) -> u64 {

@@ -102,7 +102,7 @@ impl GroupMesh {
             - 1
     }
 
-    fn place_positions(&mut self) {
+    pub(super) fn place_positions(&mut self) {
         let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
         for (vertex, _) in &self.welder.vertices {
             for axis in 0..3 {

@@ -1,4 +1,4 @@
-//! Simplify: a group's triangles to half as many, what it shares with other groups untouched.
+//! Simplify: a group's triangles to fewer, as far as its budget goes, what it shares with other groups untouched.
 
 mod attributes;
 mod budget;
@@ -127,7 +127,7 @@ pub(super) struct Workspace {
 impl Workspace {
     /// Distance, metres, that nine tenths of the places of a group keep to when half of its
     /// triangles go.
-    pub fn typical_distance<'a>(
+    pub fn typical_metres<'a>(
         &mut self,
         job: &Job,
         clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
