@@ -432,7 +432,7 @@ fn the_builder_version_goes_with_the_bytes() {
         ),
         (
             10,
-            "c1520a2ed520526db416df8f611a2857d159bc739d478eca8a3d5fb11d30bb0a"
+            "831ea9d64228014278876ebf50ed29dd9794bc704e26b8a049ac0e0253622e4c"
         ),
     );
 }
