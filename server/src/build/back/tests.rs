@@ -205,7 +205,7 @@ fn a_bridge_over_a_hole_is_as_far_as_its_middle_is_from_the_rim() {
     let found = back
         .measure(&dag, &grids, &root.members, &samples, known_metres)
         .expect("measured");
-    let most = (RIM + 0.2 * known_metres) * STEP_MARGIN;
+    let most = (RIM + USEFUL as f64 * known_metres) * STEP_MARGIN;
     assert!((RIM..most).contains(&found), "{found}");
     // A distance that is known to be larger needs no proof.
     let found = back
