@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Holds a build against its goals: judges/__main__.py with its packages, which are put into
-# target/judges/pip where they lack. Called by `make judges`, which builds first, and by `make report`.
+# target/judges/pip where they lack. `make judges`, which builds first, and `make report` call it.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 packages=$here/../target/judges/pip

@@ -80,7 +80,7 @@ pub(super) struct Back {
     triangles: Vec<[u8; 4]>,
 }
 
-/// What the way down reads.
+/// Inputs of the way down.
 #[derive(Clone, Copy)]
 struct Below<'a> {
     dag: &'a Dag,

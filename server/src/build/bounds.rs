@@ -76,7 +76,7 @@ pub(super) struct Terms {
     pub back: f64,
     /// Distance of parts that vanished from what is left.
     pub lost: f64,
-    /// What attributes and materials count for.
+    /// Share of attributes and materials.
     pub attributes: f64,
     /// Largest error of a member.
     pub members: f64,

@@ -8,8 +8,9 @@
 //! Every stage takes pieces that fit memory, whatever the mesh: source pieces become blocks in buckets, buckets become
 //! clusters, and each level's clusters are taken chunk by chunk. Between the stages they wait in a `store`, in memory or on
 //! disk. Simplifying a group leaves alone what it shares with other groups (`borders`), so every cut is closed where the
-//! source is. Each round has a budget, the distance from the source that its groups may reach (`budgets`). The stored error
-//! bounds that distance both ways (`simplify/witness`, `back`, `bounds`). Work runs in parallel and is
+//! source is. Each round has a budget, the distance from the source that its groups may reach
+//! (`budgets`). The stored error bounds that distance both ways (`simplify/witness`, `back`,
+//! `bounds`). Work runs in parallel and is
 //! merged in order: the same mesh and options give the same bytes, whatever the thread count and wherever it waits.
 
 mod back;

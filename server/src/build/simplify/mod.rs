@@ -1,4 +1,5 @@
-//! Simplify: a group's triangles to fewer, as far as its budget goes, what it shares with other groups untouched.
+//! Simplify: a group's triangles to fewer, as far as its budget goes, what it shares with other
+//! groups untouched.
 
 mod attributes;
 mod budget;

@@ -6,8 +6,9 @@
 //! whole surface.
 //!
 //! Between the vertices two surfaces are farthest apart where their edges cross, so where the quadrics say that the surface
-//! lies loose, the middles of the old edges bear witness too, and points of the new triangles that may be farther from the
-//! source are handed to `back`. All are samples; `MARGIN` is for what lies between them (`lodestream-loadtests build`
+//! lies loose, the middles of the old edges bear witness too, and points of the new triangles
+//! that may be farther from the source are handed to `back`. All are samples; `MARGIN` is for what
+//! lies between them (`lodestream-loadtests build`
 //! measures what is left).
 
 use super::super::borders::OPEN;
@@ -88,8 +89,8 @@ impl Court {
         distances
     }
 
-    /// Hears every place that went, every place that moved from its `origins`, and every witness handed on. Each cluster
-    /// lies within its number of `members` of the source, units.
+    /// Hears every place that went, every place that moved from its `origins`, and every witness
+    /// handed on. Each cluster lies within its number of `members` of the source, units.
     pub fn hear<const L: usize>(
         &mut self,
         state: &Collapser<L>,
@@ -198,7 +199,8 @@ impl Court {
         }));
     }
 
-    /// What matters where the group may be off by as much as its `members`, if an error is `known`.
+    /// Least distance that matters where the group may be off by as much as its `members`, if an
+    /// error is `known`.
     fn find_reach(&mut self, mesh: &GroupMesh, members: &[f32], known: f32) {
         self.reach.fill(known);
         for (cluster, triangles) in mesh.clusters().enumerate() {
