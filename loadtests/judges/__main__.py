@@ -26,7 +26,7 @@ from programs import MODELS, ROOT, Failed, Programs, from_environment
 
 PARTS = ("errors", "view", "promises", "curve", "foliage", "rocks")
 FOLIAGE = ("japanese_maple", "black_forest")
-# Scenes of more instances have no curve and are drawn once a size: without a GPU that takes minutes.
+# Scenes of more instances have no curve and are drawn once a size: they take minutes without a GPU.
 MOST_DRAWN_OFTEN = 100
 say = partial(print, flush=True)
 

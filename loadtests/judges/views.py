@@ -1,4 +1,4 @@
-"""The default view: triangles, bytes and pages to settle, pixels, the picture against full detail."""
+"""The default view: triangles, bytes and pages to settle, pixels, and the picture's PSNR."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path

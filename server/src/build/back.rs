@@ -286,7 +286,8 @@ impl Back {
         }
     }
 
-    /// Distance of a point to a cluster, units, or one that is enough, and to the source through it.
+    /// Distance of a point to a cluster, units, or one that is enough, and to the source through
+    /// it.
     fn look_at(
         &mut self,
         below: Below,

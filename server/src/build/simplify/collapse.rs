@@ -115,7 +115,7 @@ pub(super) struct Collapser<const L: usize> {
     pub(super) costs: Vec<f32>,
     pub(super) queue: Queue,
     pub(super) kept: Vec<Kept>,
-    /// Whether each place lies on an open edge or between materials.
+    /// Whether each place lies on an open edge, on a fold or between materials.
     pub(super) on_line: Vec<bool>,
     /// How far the source may lie off.
     pub(super) budget: Budget,

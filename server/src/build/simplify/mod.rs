@@ -194,20 +194,18 @@ impl Workspace {
     }
 }
 
-/// Half of the triangles, as a number of full clusters where one is near; a quarter where a budget
-/// ends the collapses.
+/// Triangles at which the collapses end: half of all, or a quarter where a budget ends most of them
+/// earlier, as a number of full clusters where one is near.
 fn target(triangles: usize, budget_metres: f64) -> usize {
-    let share = if budget_metres.is_finite() {
-        LEAST_LEFT
-    } else {
-        0.5
+    let share = match budget_metres.is_finite() {
+        true => LEAST_LEFT,
+        false => 0.5,
     };
-    let half = triangles as f64 * share;
-    let full = (half / FULL as f64).round().max(1.0) * FULL as f64;
-    if full <= 1.15 * half {
-        full as usize
-    } else {
-        (half as usize).max(1)
+    let wanted = triangles as f64 * share;
+    let full = (wanted / FULL as f64).round().max(1.0) * FULL as f64;
+    match full <= 1.15 * wanted {
+        true => full as usize,
+        false => (wanted as usize).max(1),
     }
 }
 

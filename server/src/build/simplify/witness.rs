@@ -181,8 +181,8 @@ impl Court {
         testimony
     }
 
-    /// Marks the places whose quadrics promise an error near the one that matters, and where they cannot: at
-    /// creases and folds.
+    /// Marks places where the surface may be loose: their quadrics are near the error that matters,
+    /// or creases and folds hide it.
     fn find_loose<const L: usize>(
         &mut self,
         state: &Collapser<L>,
