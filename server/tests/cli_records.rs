@@ -432,7 +432,7 @@ fn the_builder_version_goes_with_the_bytes() {
         ),
         (
             10,
-            "831ea9d64228014278876ebf50ed29dd9794bc704e26b8a049ac0e0253622e4c"
+            "d5838cae75870918b0c36ac6dbfd21116533f084a6aba98409d07e3e54e17196"
         ),
     );
 }

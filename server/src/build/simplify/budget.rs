@@ -23,6 +23,8 @@ const KEPT: f32 = 0.1;
 /// against those beside them.
 const NEAR: f32 = 0.25;
 
+type Segment = [[f32; 3]; 2];
+
 /// Points of the source by the triangle that answers for them.
 #[derive(Debug, Default)]
 pub(super) struct Budget {
@@ -42,7 +44,9 @@ pub(super) struct Budget {
     /// Neighbours of the place on trial with a triangle between, and the lines there: open edges,
     /// folds, and edges between materials.
     spokes: Vec<Spoke>,
-    lines: Vec<[[f32; 3]; 2]>,
+    lines: Vec<Segment>,
+    /// The lines at both ends as they are.
+    lines_before: Vec<Segment>,
     /// Points that the trial looked at, and the triangle nearest to each.
     found: Vec<(u32, u16)>,
     /// Points that the collapse adds.
@@ -96,9 +100,10 @@ impl Budget {
         (best.0, self.around[best.1])
     }
 
-    fn is_near_line(&self, at: [f32; 3]) -> bool {
-        let is_near = |&[a, b]: &[[f32; 3]; 2]| to_segment(at, a, b) <= self.squared;
-        self.lines.iter().any(is_near)
+    /// Whether a point lies within the budget of some line.
+    fn is_near(&self, lines: &[Segment], at: [f32; 3]) -> bool {
+        let is_near = |&[a, b]: &Segment| to_segment(at, a, b) <= self.squared;
+        lines.iter().any(is_near)
     }
 
     /// Takes up the corners that were collected, by four.
@@ -246,7 +251,9 @@ impl<const L: usize> Collapser<L> {
             while point != NONE {
                 let (at, is_of_line) = budget.points[point as usize];
                 let (squared, triangle) = budget.nearest(at);
-                if squared > budget.squared || (on_line && is_of_line && !budget.is_near_line(at)) {
+                if squared > budget.squared
+                    || (on_line && is_of_line && !budget.is_near(&budget.lines, at))
+                {
                     return false;
                 }
                 budget.found.push((point, triangle));
@@ -277,7 +284,12 @@ impl<const L: usize> Collapser<L> {
             let slot = mesh.welder.vertices[vertex].1;
             let [a, b, c] = [end, others[0], others[1]].map(at);
             let normal = cross(sub(b, a), sub(c, a));
-            others.map(|other| (other, slot, normal))
+            [0, 1].map(|side| Spoke {
+                other: others[side],
+                slot,
+                normal,
+                turn: 1 - 2 * side as i32,
+            })
         };
         let moved = kept.iter().map(|own| (own.triangle as usize, own.others));
         let after = moved.chain(self.beside(to, from));
@@ -289,22 +301,23 @@ impl<const L: usize> Collapser<L> {
         lines(&mut budget.spokes, |other| {
             budget.lines.push([at(to), at(other)])
         });
-        if !budget.is_near_line(at(from)) {
+        if !budget.is_near(&budget.lines, at(from)) {
             return false;
         }
-        let mut before = std::mem::take(&mut budget.spokes);
-        let mut within = true;
+        budget.lines_before.clear();
         for end in [from, to] {
-            before.clear();
+            budget.spokes.clear();
             for (triangle, others) in self.spread(end) {
-                before.extend(spokes(end, triangle, others));
+                budget.spokes.extend(spokes(end, triangle, others));
             }
-            lines(&mut before, |other| {
-                within = within && budget.is_near_line(middle(at(end), at(other)));
+            lines(&mut budget.spokes, |other| {
+                budget.lines_before.push([at(end), at(other)])
             });
         }
-        budget.spokes = before;
-        within
+        let is_near = |lines: &[Segment], [a, b]: Segment| budget.is_near(lines, middle(a, b));
+        let (before, after) = (&budget.lines_before, &budget.lines);
+        before.iter().all(|&line| is_near(after, line))
+            && after.iter().all(|&line| is_near(before, line))
     }
 
     /// Whether the attributes' error is within the budget.
@@ -390,20 +403,28 @@ fn edges_are_within(
     true
 }
 
-/// The neighbours to which a line leads: one triangle lies between, two of different materials, or
-/// two between which the surface turns back.
+/// A triangle at the edge from a place to a neighbour.
+#[derive(Debug, Clone, Copy)]
+struct Spoke {
+    other: u16,
+    slot: u16,
+    normal: [f32; 3],
+    /// 1 where the triangle runs along the edge, -1 where it runs against it.
+    turn: i32,
+}
+
+/// The neighbours to which a line leads: the edge is open, which is where its triangles along and
+/// against it do not balance, it lies between materials, or the surface turns back there.
 fn lines(spokes: &mut [Spoke], mut each: impl FnMut(u16)) {
-    spokes.sort_unstable_by_key(|&(other, slot, _)| (other, slot));
-    for spoke in spokes.chunk_by(|a, b| a.0 == b.0) {
-        let folded = spoke.len() == 2 && is_fold(spoke[0].2, spoke[1].2);
-        if spoke.len() == 1 || folded || spoke[0].1 != spoke[spoke.len() - 1].1 {
-            each(spoke[0].0);
+    spokes.sort_unstable_by_key(|spoke| (spoke.other, spoke.slot));
+    for edge in spokes.chunk_by(|a, b| a.other == b.other) {
+        let open = edge.iter().map(|spoke| spoke.turn).sum::<i32>() != 0;
+        let folded = edge.len() == 2 && is_fold(edge[0].normal, edge[1].normal);
+        if open || folded || edge[0].slot != edge[edge.len() - 1].slot {
+            each(edge[0].other);
         }
     }
 }
-
-/// A neighbour, with the material and the normal of a triangle between.
-type Spoke = (u16, u16, [f32; 3]);
 
 #[cfg(test)]
 mod tests;

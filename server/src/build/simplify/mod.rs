@@ -40,9 +40,9 @@ const MOST_SWEEPS: usize = 4;
 /// Another sweep follows one that left at most this share of the triangles.
 const WORTH_A_SWEEP: f64 = 0.98;
 /// What the farthest witness stands for: some point between the witnesses lies farther.
-const MARGIN: f64 = 1.3;
+const MARGIN: f64 = 1.25;
 /// The same for the new surface, which is sampled where it is loose.
-pub(super) const STEP_MARGIN: f64 = 1.3;
+pub(super) const STEP_MARGIN: f64 = 1.25;
 /// Share of the group's size that rounding in f32 may hide.
 const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
 /// Triangles of a full cluster.

@@ -27,8 +27,8 @@ pub(in super::super) const HANDED_ON: f32 = 0.25;
 const ENOUGH: f32 = 0.5;
 /// Places whose mean squared distance to their planes is more than this share of the largest squared distance are loose.
 const LOOSE: f32 = 0.05;
-/// An edge of more than this times the typical length is looked at in four parts, not in two.
-const LONG: f32 = 1.4;
+/// An edge of more than this share of the typical length is looked at in four parts, not in two.
+const LONG: f32 = 0.4;
 
 /// A point of the new surface nearer to the group than this share of what is known is no sample.
 const LEAST_STEP: f32 = 0.0625;
@@ -387,16 +387,18 @@ fn to_open_edge<const L: usize>(
     let mut best = f32::INFINITY;
     loop {
         let before = best;
-        let others: Vec<usize> = state
+        let others: Vec<(usize, i32)> = state
             .star(place)
             .flat_map(|(triangle, k)| {
                 let places = mesh.places(state.corners[triangle]);
-                [places[(k + 1) % 3], places[(k + 2) % 3]]
+                [(places[(k + 1) % 3], 1), (places[(k + 2) % 3], -1)]
             })
             .collect();
         let mut next = place;
-        for &other in &others {
-            if others.iter().filter(|&&same| same == other).count() == 1 {
+        for &(other, _) in &others {
+            // Triangles along and against an open edge do not balance.
+            let own = others.iter().filter(|&&(same, _)| same == other);
+            if own.map(|&(_, turn)| turn).sum::<i32>() != 0 {
                 let (a, b) = (mesh.positions[place as usize], mesh.positions[other]);
                 let squared = to_segment(at, a, b);
                 if squared < best {
