@@ -197,17 +197,19 @@ impl Dag {
         if level as usize + 1 >= MAX_LEVELS {
             return None;
         }
+        let births: Vec<Birth> = members
+            .iter()
+            .map(|&member| self.birth(plan, member))
+            .collect();
+        let errors = births.iter().map(|birth| birth.error_metres);
         let job = Job {
             grids: plan.grids,
             placement: plan.placement,
             level: level + 1,
             merge: effort == Effort::LargeGroups,
+            members_metres: errors.fold(0.0, f32::max) as f64,
         };
         let simplified = workspace.simplify(&job, views)?;
-        let births: Vec<Birth> = members
-            .iter()
-            .map(|&member| self.birth(plan, member))
-            .collect();
         let lod_sphere = bounds::lod_sphere(&births);
         let lod_sphere = bounds::grown(lod_sphere, plan.grids, &simplified.clusters);
         let error_metres = bounds::parent_error(&births, &simplified, &lod_sphere);

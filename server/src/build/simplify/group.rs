@@ -24,6 +24,10 @@ pub(in super::super) struct GroupMesh {
     /// What may be done to each place; see `borders`.
     pub rules: Vec<u8>,
     pub triangles: Vec<[u16; 3]>,
+    /// Those that were gathered: what the new surface is measured against.
+    pub gathered: Vec<[u16; 3]>,
+    /// Places that points of the source bear witness for; see `parts`.
+    pub answered: Vec<bool>,
     /// Points of the source that coarser levels answer for, and the triangle nearest to each.
     pub witnesses: Vec<Witness>,
     /// Grid index at the origin of `positions`.
@@ -78,7 +82,10 @@ impl GroupMesh {
                     ..*witness
                 }));
         }
+        self.gathered.clone_from(&self.triangles);
         self.place_positions();
+        self.answered.clear();
+        self.answered.resize(self.positions.len(), false);
     }
 
     fn place_positions(&mut self) {

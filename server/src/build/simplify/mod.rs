@@ -8,6 +8,7 @@ mod material;
 mod merge;
 mod nearest;
 mod pairs;
+mod parts;
 mod placement;
 mod quadric;
 mod queue;
@@ -21,6 +22,7 @@ use super::measure;
 use super::vertex::Grids;
 use collapse::Collapser;
 use group::{GroupMesh, attribute_count};
+use parts::{Limits, Thinner};
 use quadric::{cross, dot, sub};
 pub(super) use witness::HANDED_ON;
 use witness::{Court, Testimony};
@@ -98,6 +100,8 @@ pub(super) struct Job<'a> {
     pub level: u8,
     /// Vertex clustering is allowed where collapses do not get further.
     pub merge: bool,
+    /// Distance that the source may have from the group as it is, metres.
+    pub members_metres: f64,
 }
 
 /// Everything that is kept between groups of a thread.
@@ -109,6 +113,7 @@ pub(super) struct Workspace {
     eight: Collapser<2>,
     twelve: Collapser<3>,
     court: Court,
+    thinner: Thinner,
     origins: Vec<[f32; 3]>,
     clusterizer: Clusterizer,
 }
@@ -120,8 +125,19 @@ impl Workspace {
         job: &Job,
         clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
     ) -> Option<Simplified> {
-        self.mesh.gather(clusters);
+        self.mesh.gather(clusters.clone());
         let target = target(self.mesh.triangles.len());
+        let metres = self.mesh.unit as f64 * job.grids.step_metres();
+        self.origins.clear();
+        self.origins.extend_from_slice(&self.mesh.positions);
+        self.thinner.start(&self.mesh);
+        let limits = Limits {
+            budget: self.thinner.wanted(),
+            members: job.members_metres / metres,
+            target,
+        };
+        let attributes = job.grids.attributes;
+        self.thinner.thin(&mut self.mesh, &limits, attributes);
         let Self {
             mesh,
             plain,
@@ -129,21 +145,25 @@ impl Workspace {
             eight,
             twelve,
             court,
+            thinner,
             origins,
             clusterizer,
         } = self;
         let result = match attribute_count(job.grids.attributes) {
-            0 => collapse(plain, mesh, court, origins, job, target),
-            1..=4 => collapse(four, mesh, court, origins, job, target),
-            5..=8 => collapse(eight, mesh, court, origins, job, target),
-            _ => collapse(twelve, mesh, court, origins, job, target),
+            0 => collapse(plain, mesh, court, thinner, origins, job, &limits),
+            1..=4 => collapse(four, mesh, court, thinner, origins, job, &limits),
+            5..=8 => collapse(eight, mesh, court, thinner, origins, job, &limits),
+            _ => collapse(twelve, mesh, court, thinner, origins, job, &limits),
         };
         let result = match result {
             Some(result) => result,
-            None if job.merge => merged(mesh, target)?,
+            None if job.merge => {
+                // Cells take parts as they were.
+                mesh.gather(clusters);
+                merged(mesh, target)?
+            }
             None => return None,
         };
-        let metres = mesh.unit as f64 * job.grids.step_metres();
         let surface = Surface {
             vertices: &mesh.welder.vertices,
             place_of: &mesh.welder.place_of,
@@ -198,11 +218,12 @@ fn collapse<const L: usize>(
     state: &mut Collapser<L>,
     mesh: &mut GroupMesh,
     court: &mut Court,
-    origins: &mut Vec<[f32; 3]>,
+    thinner: &mut Thinner,
+    origins: &[[f32; 3]],
     job: &Job,
-    target: usize,
+    limits: &Limits,
 ) -> Option<Outcome> {
-    let before = mesh.triangles.len();
+    let (before, target) = (mesh.triangles.len(), limits.target);
     let edge = mesh.typical_edge(&mesh.triangles);
     let weights = mesh.weights(job.grids, edge);
     state.start(mesh, job.grids, &weights);
@@ -215,20 +236,20 @@ fn collapse<const L: usize>(
         }
         left = state.live;
     }
-    if state.live as f64 > MOST_LEFT * before as f64 || state.live == 0 {
+    if state.live as f64 > MOST_LEFT * mesh.gathered.len() as f64 || state.live == 0 {
         return None;
     }
-    origins.clear();
-    origins.extend_from_slice(&mesh.positions);
     if job.placement == Placement::Optimal {
         placement::place(state, mesh, job.grids, &weights);
     }
+    thinner.regrow(mesh, state, limits);
     let Testimony {
         distance,
         step,
         lost,
-        witnesses,
+        mut witnesses,
     } = court.hear(state, mesh, origins);
+    thinner.hand_on(mesh, state, &mut witnesses);
     let live: Vec<[u16; 3]> = (0..before)
         .filter(|&triangle| state.alive[triangle])
         .map(|triangle| state.corners[triangle])
@@ -241,9 +262,9 @@ fn collapse<const L: usize>(
         witnesses,
         distance: margin(distance as f64, MARGIN),
         step: margin(step as f64, STEP_MARGIN),
-        lost: margin(lost as f64, MARGIN),
+        lost: margin(f64::max(lost as f64, thinner.lost), MARGIN),
         attribute: attribute.max(lost_material).max(moved) as f64,
-        open_edges_moved: state.open_moved,
+        open_edges_moved: state.open_moved || thinner.open_moved,
         folded: state.folded.contains(&true),
     })
 }

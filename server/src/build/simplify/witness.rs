@@ -82,6 +82,9 @@ impl Court {
         let mut worst = 0.0f32;
         let mut lost: Vec<[i32; 3]> = Vec::new();
         for place in loosest_first(state, &self.went) {
+            if mesh.answered[place] {
+                continue;
+            }
             let went_to = self.went[place];
             let stayed = went_to as usize == place;
             let at = origins[place];
@@ -173,7 +176,7 @@ impl Court {
             for side in 0..3 {
                 let (a, b) = (places[side], places[(side + 1) % 3]);
                 // Once for the two triangles of an edge.
-                if a > b {
+                if a > b || (mesh.answered[a] && mesh.answered[b]) {
                     continue;
                 }
                 let ends = [self.went[a], self.went[b]];
@@ -199,7 +202,7 @@ impl Court {
         worst: f32,
     ) -> f32 {
         let places = |&vertices: &[u16; 3]| mesh.places(vertices).map(|place| place as u16);
-        self.old.set(origins, mesh.triangles.iter().map(places));
+        self.old.set(origins, mesh.gathered.iter().map(places));
         let left = state.corners.iter().zip(&state.alive);
         let left = left.filter(|&(_, &alive)| alive);
         let left: Vec<[u16; 3]> = left.map(|(&corners, _)| corners).collect();
