@@ -2,10 +2,12 @@
 
 use glam::DVec3;
 use lodestream_format::cluster::Attributes;
+use lodestream_format::grid::Grid;
 
 use super::super::super::borders::{FREE, LOCKED};
 use super::super::super::cluster::ClusterView;
-use super::super::super::vertex::Vertex;
+use super::super::super::vertex::{Grids, Vertex};
+use super::super::collapse::Collapser;
 use super::super::group::GroupMesh;
 use super::fit::nearest;
 use super::{Corners, Limits, Thinner, corners, sums};
@@ -228,6 +230,36 @@ fn a_crown_gets_thin_the_same_way_twice() {
     assert_eq!(first.triangles, second.triangles);
     assert_eq!(first.positions, second.positions);
     assert_eq!(first.witnesses, second.witnesses);
+}
+
+#[test]
+fn parts_get_back_the_area_that_collapses_took() {
+    let mut mesh = crown();
+    let grid = Grid::new(0).expect("a step of one metre");
+    let grids = Grids {
+        attributes: Attributes::default(),
+        position: grid,
+        uv: grid,
+        center_q: [0; 3],
+        uv_base: [0; 2],
+    };
+    let weights = mesh.weights(&grids, mesh.typical_edge(&mesh.triangles));
+    let mut thinner = Thinner::default();
+    thinner.start(&mesh);
+    let mut state = Collapser::<0>::default();
+    state.start(&mesh, &grids, &weights);
+    let area = |mesh: &GroupMesh, state: &Collapser<0>| {
+        let all = state.corners.iter().zip(&state.alive);
+        let live = all.filter(|&(_, &alive)| alive);
+        sums(&live.map(|(&own, _)| corners(mesh, own)).collect::<Vec<_>>()).0
+    };
+    let before = area(&mesh, &state);
+    state.run(&mesh, mesh.triangles.len() / 2, true);
+    let collapsed = area(&mesh, &state) / before;
+    assert!(collapsed < 0.9, "nothing to give back: {collapsed}");
+    thinner.regrow(&mut mesh, &state, &limits(0.05, 0.0));
+    let grown = area(&mesh, &state) / before;
+    assert!((grown - 1.0).abs() < 0.05, "{grown} after {collapsed}");
 }
 
 #[test]
