@@ -142,10 +142,11 @@ pub(super) fn on_grid(mesh: &GroupMesh, at: DVec3) -> [i32; 3] {
 pub(super) fn axes(covariance: DMat3) -> DMat3 {
     let mut rest = covariance;
     let mut axes = DMat3::IDENTITY;
+    let trace = (0..3).map(|k| covariance.col(k)[k]).sum::<f64>();
     for _ in 0..SWEEPS {
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             let off = rest.col(q)[p];
-            if off == 0.0 {
+            if off.abs() <= f64::EPSILON * trace {
                 continue;
             }
             let theta = (rest.col(q)[q] - rest.col(p)[p]) / (2.0 * off);
@@ -186,8 +187,8 @@ pub(super) fn is_near(at: DVec3, triangles: &[Corners], squared: f64) -> bool {
         .any(|own| to_triangle(at.to_array(), &own.map(|corner| corner.to_array())) <= squared)
 }
 
-/// Whether triangles hold for all of some samples of theirs: corners, middles, and points no farther
-/// than `distance` apart on their sides.
+/// Whether all samples of some triangles hold: corners, middles, and points no farther than
+/// `distance` apart on their sides.
 pub(super) fn all_samples(
     triangles: &[Corners],
     distance: f64,

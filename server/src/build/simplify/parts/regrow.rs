@@ -48,8 +48,8 @@ impl Thinner {
         }
     }
 
-    /// Adds the outermost points of parts to the witnesses found. Triangles are numbered as they are
-    /// left.
+    /// Adds the outermost points of parts to the witnesses found. Triangles are numbered as they
+    /// are left.
     pub fn hand_on<const L: usize>(
         &self,
         mesh: &GroupMesh,
