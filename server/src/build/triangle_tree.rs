@@ -186,7 +186,7 @@ fn to_bounds(point: Point, four: &FourBounds) -> [f64; WIDTH] {
 }
 
 /// Squared distance from a point to a triangle; also right for triangles without area.
-fn to_triangle(point: Point, [a, b, c]: &[Point; 3]) -> f64 {
+pub(super) fn to_triangle(point: Point, [a, b, c]: &[Point; 3]) -> f64 {
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(&point, a));
     let normal = cross(&ab, &ac);
     let length = dot(&normal, &normal);

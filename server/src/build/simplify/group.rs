@@ -24,8 +24,12 @@ pub(in super::super) struct GroupMesh {
     /// What may be done to each place; see `borders`.
     pub rules: Vec<u8>,
     pub triangles: Vec<[u16; 3]>,
-    /// First triangle of each cluster.
+    /// First of the gathered triangles of each cluster.
     pub first_triangles: Vec<usize>,
+    /// Those that were gathered: what the new surface is measured against.
+    pub gathered: Vec<[u16; 3]>,
+    /// Places that points of the source bear witness for; see `parts`.
+    pub answered: Vec<bool>,
     /// Points of the source that coarser levels answer for, and the triangle nearest to each.
     pub witnesses: Vec<Witness>,
     /// Grid index at the origin of `positions`.
@@ -82,20 +86,23 @@ impl GroupMesh {
                     ..*witness
                 }));
         }
+        self.gathered.clone_from(&self.triangles);
         self.place_positions();
+        self.answered.clear();
+        self.answered.resize(self.positions.len(), false);
     }
 
-    /// Triangles of each cluster.
+    /// Triangles of each cluster as they were gathered.
     pub fn clusters(&self) -> impl Iterator<Item = &[[u16; 3]]> {
         let ends = self.first_triangles.iter().copied().skip(1);
-        let ends = ends.chain([self.triangles.len()]);
+        let ends = ends.chain([self.gathered.len()]);
         let firsts = self.first_triangles.iter().copied();
         firsts
             .zip(ends)
-            .map(|(first, end)| &self.triangles[first..end])
+            .map(|(first, end)| &self.gathered[first..end])
     }
 
-    /// Number of the cluster that a triangle came from.
+    /// Number of the cluster that a gathered triangle came from.
     pub fn cluster_of(&self, triangle: usize) -> usize {
         self.first_triangles
             .partition_point(|&first| first <= triangle)

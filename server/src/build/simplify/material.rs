@@ -22,7 +22,7 @@ pub(super) fn borders_moved(
     if slots.clone().all(|slot| Some(slot) == first) {
         return 0.0;
     }
-    let old = borders(mesh, &mesh.triangles, origins);
+    let old = borders(mesh, &mesh.gathered, origins);
     let new = borders(mesh, after, &mesh.positions);
     farthest(&old, &new, size).max(farthest(&new, &old, size))
 }
@@ -35,7 +35,7 @@ pub(super) fn lost(mesh: &GroupMesh, origins: &[[f32; 3]], after: &[[u16; 3]]) -
     slots.sort_unstable();
     slots.dedup();
     let mut areas: Vec<(u16, f32)> = Vec::new();
-    for corners in &mesh.triangles {
+    for corners in &mesh.gathered {
         let own = slot(corners);
         if slots.binary_search(&own).is_ok() {
             continue;

@@ -10,6 +10,7 @@ mod material;
 mod merge;
 mod nearest;
 mod pairs;
+mod parts;
 mod placement;
 mod quadric;
 mod queue;
@@ -26,6 +27,7 @@ use super::vertex::Grids;
 use collapse::Collapser;
 use group::{GroupMesh, attribute_count};
 pub(super) use nearest::{Four, gather, to_triangles};
+use parts::{Limits, Thinner};
 use quadric::{cross, dot, sub};
 pub(super) use samples::{CLOSE, Sample, Samples, closely};
 pub(super) use witness::HANDED_ON;
@@ -119,6 +121,7 @@ pub(super) struct Workspace {
     eight: Collapser<2>,
     twelve: Collapser<3>,
     court: Court,
+    thinner: Thinner,
     origins: Vec<[f32; 3]>,
     clusterizer: Clusterizer,
     /// Measures what comes out.
@@ -151,8 +154,20 @@ impl Workspace {
         job: &Job,
         clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
     ) -> Option<Simplified> {
-        self.mesh.gather(clusters);
+        self.mesh.gather(clusters.clone());
         let target = target(self.mesh.triangles.len(), job.budget_metres);
+        let units = 1.0 / (self.mesh.unit as f64 * job.grids.step_metres());
+        let members = members(job, units);
+        let limits = Limits {
+            budget: job.budget_metres * units,
+            members: &members,
+            target,
+        };
+        self.origins.clear();
+        self.origins.extend_from_slice(&self.mesh.positions);
+        self.thinner.start(&self.mesh);
+        let attributes = job.grids.attributes;
+        self.thinner.thin(&mut self.mesh, &limits, attributes);
         let Self {
             mesh,
             plain,
@@ -160,22 +175,26 @@ impl Workspace {
             eight,
             twelve,
             court,
+            thinner,
             origins,
             clusterizer,
             ..
         } = self;
         let result = match attribute_count(job.grids.attributes) {
-            0 => collapse(plain, mesh, court, origins, job, target),
-            1..=4 => collapse(four, mesh, court, origins, job, target),
-            5..=8 => collapse(eight, mesh, court, origins, job, target),
-            _ => collapse(twelve, mesh, court, origins, job, target),
+            0 => collapse(plain, mesh, court, thinner, origins, job, &limits),
+            1..=4 => collapse(four, mesh, court, thinner, origins, job, &limits),
+            5..=8 => collapse(eight, mesh, court, thinner, origins, job, &limits),
+            _ => collapse(twelve, mesh, court, thinner, origins, job, &limits),
         };
         let result = match result {
             Some(result) => result,
-            None if job.merge => merged(mesh, job, target)?,
+            None if job.merge => {
+                // Cells take parts as they were.
+                mesh.gather(clusters);
+                merged(mesh, &members, target)?
+            }
             None => return None,
         };
-        let metres = mesh.unit as f64 * job.grids.step_metres();
         let surface = Surface {
             vertices: &mesh.welder.vertices,
             place_of: &mesh.welder.place_of,
@@ -185,10 +204,10 @@ impl Workspace {
         };
         Some(Simplified {
             clusters: clusterizer.clusterize(&surface, job.level),
-            distance_metres: result.distance * metres,
+            distance_metres: result.distance / units,
             samples: result.samples,
-            lost_metres: result.lost * metres,
-            attribute_metres: result.attribute * metres,
+            lost_metres: result.lost / units,
+            attribute_metres: result.attribute / units,
             open_edges_moved: result.open_edges_moved,
         })
     }
@@ -247,26 +266,25 @@ fn typical<const L: usize>(
 }
 
 /// Distance that each cluster may have from the source, units.
-fn members(mesh: &GroupMesh, job: &Job) -> Vec<f32> {
-    let metres = mesh.unit as f64 * job.grids.step_metres();
-    let units = |&own: &f32| (own as f64 / metres) as f32;
-    job.members_metres.iter().map(units).collect()
+fn members(job: &Job, units: f64) -> Vec<f32> {
+    let own = |&metres: &f32| (metres as f64 * units) as f32;
+    job.members_metres.iter().map(own).collect()
 }
 
 fn collapse<const L: usize>(
     state: &mut Collapser<L>,
     mesh: &mut GroupMesh,
     court: &mut Court,
-    origins: &mut Vec<[f32; 3]>,
+    thinner: &mut Thinner,
+    origins: &[[f32; 3]],
     job: &Job,
-    target: usize,
+    limits: &Limits,
 ) -> Option<Outcome> {
-    let before = mesh.triangles.len();
+    let (before, target) = (mesh.triangles.len(), limits.target);
     let edge = mesh.typical_edge(&mesh.triangles);
     let weights = mesh.weights(job.grids, edge);
     state.start(mesh, job.grids, &weights);
-    let units = 1.0 / (mesh.unit as f64 * job.grids.step_metres());
-    state.budget.start(mesh, (job.budget_metres * units) as f32);
+    state.budget.start(mesh, limits.budget as f32);
     let mut left = before;
     for sweep in 0..MOST_SWEEPS {
         state.run(mesh, target, sweep == 0);
@@ -276,21 +294,20 @@ fn collapse<const L: usize>(
         }
         left = state.live;
     }
-    if state.live as f64 > MOST_LEFT * before as f64 || state.live == 0 {
+    if state.live as f64 > MOST_LEFT * mesh.gathered.len() as f64 || state.live == 0 {
         return None;
     }
-    origins.clear();
-    origins.extend_from_slice(&mesh.positions);
     if job.placement == Placement::Optimal {
         placement::place(state, mesh, job.grids, &weights);
     }
-    let members = members(mesh, job);
+    thinner.regrow(mesh, state, limits);
     let Testimony {
         distance,
         samples,
         lost,
-        witnesses,
-    } = court.hear(state, mesh, origins, &members);
+        mut witnesses,
+    } = court.hear(state, mesh, origins, limits.members);
+    thinner.hand_on(mesh, state, &mut witnesses);
     let live: Vec<[u16; 3]> = (0..before)
         .filter(|&triangle| state.alive[triangle])
         .map(|triangle| state.corners[triangle])
@@ -303,15 +320,15 @@ fn collapse<const L: usize>(
         witnesses,
         distance: margin(distance as f64, MARGIN),
         samples,
-        lost: margin(lost as f64, MARGIN),
+        lost: margin(f64::max(lost as f64, thinner.lost), MARGIN),
         attribute: attribute.max(lost_material).max(moved) as f64,
-        open_edges_moved: state.open_moved,
+        open_edges_moved: state.open_moved || thinner.open_moved,
     })
 }
 
 /// Vertex clustering, for loose parts and tangled topology. It knows nothing of attributes: all of them may be wrong, over
 /// a triangle each.
-fn merged(mesh: &GroupMesh, job: &Job, target: usize) -> Option<Outcome> {
+fn merged(mesh: &GroupMesh, members: &[f32], target: usize) -> Option<Outcome> {
     let (triangles, moved_to) = merge::merge(mesh, target);
     if triangles.is_empty() || triangles.len() as f64 > MOST_LEFT * mesh.triangles.len() as f64 {
         return None;
@@ -325,7 +342,7 @@ fn merged(mesh: &GroupMesh, job: &Job, target: usize) -> Option<Outcome> {
     let after = at(&triangles);
     let step = measure::distance(&mesh.positions, &at(&mesh.triangles), &after, 0.0);
     let (witnesses, farthest) = witness::after_merge(mesh, &after, &moved_to);
-    let most = members(mesh, job).into_iter().fold(0.0, f32::max);
+    let most = members.iter().copied().fold(0.0, f32::max);
     let open_moved = |(vertex, &to): (usize, &u16)| {
         to as usize != vertex && mesh.rules[mesh.welder.place_of[vertex] as usize] == OPEN
     };

@@ -112,6 +112,9 @@ impl Court {
         let mut worst = 0.0f32;
         let mut lost: Vec<[i32; 3]> = Vec::new();
         for place in loosest_first(state, &self.went) {
+            if mesh.answered[place] {
+                continue;
+            }
             let went_to = self.went[place];
             let stayed = went_to as usize == place;
             let at = origins[place];
@@ -232,7 +235,7 @@ impl Court {
             for side in 0..3 {
                 let (a, b) = (places[side], places[(side + 1) % 3]);
                 // Once for the two triangles of an edge.
-                if a > b {
+                if a > b || (mesh.answered[a] && mesh.answered[b]) {
                     continue;
                 }
                 let ends = [self.went[a], self.went[b]];
@@ -263,7 +266,7 @@ impl Court {
         self.find_reach(mesh, members, known);
         self.find_loose(state, mesh, origins);
         let places = |&vertices: &[u16; 3]| mesh.places(vertices).map(|place| place as u16);
-        self.old.set(origins, mesh.triangles.iter().map(places));
+        self.old.set(origins, mesh.gathered.iter().map(places));
         let left = state.corners.iter().zip(&state.alive);
         let left = left.filter(|&(_, &alive)| alive);
         let left: Vec<[u16; 3]> = left.map(|(&corners, _)| corners).collect();
