@@ -13,6 +13,7 @@ use super::group::GroupMesh;
 use super::nearest::{Four, gather, middle, to_segment, to_triangles};
 use super::pairs::Pairs;
 use super::quadric::{cross, sub};
+use super::samples::center;
 use super::setup::is_fold;
 
 const NONE: u32 = u32::MAX;
@@ -23,7 +24,41 @@ const KEPT: f32 = 0.1;
 /// against those beside them.
 const NEAR: f32 = 0.25;
 
-type Segment = [[f32; 3]; 2];
+/// A line: the outline of a material, by its slot, or one of these.
+type Kind = u16;
+/// Where the surface turns back.
+const FOLD: Kind = u16::MAX;
+/// No line at all.
+const PLAIN: Kind = u16::MAX - 1;
+
+/// An edge that lies on a line, and a triangle at it.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    ends: [[f32; 3]; 2],
+    triangle: u16,
+    kind: Kind,
+}
+
+impl Line {
+    fn squared(&self, at: [f32; 3]) -> f32 {
+        to_segment(at, self.ends[0], self.ends[1])
+    }
+
+    fn middle(&self) -> Point {
+        Point {
+            at: middle(self.ends[0], self.ends[1]),
+            kind: self.kind,
+        }
+    }
+}
+
+/// A point of the source.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    at: [f32; 3],
+    /// The line that it lies on.
+    kind: Kind,
+}
 
 /// Points of the source by the triangle that answers for them.
 #[derive(Debug, Default)]
@@ -33,24 +68,25 @@ pub(super) struct Budget {
     /// First point of each triangle, and the next of each point.
     head: Vec<u32>,
     next: Vec<u32>,
-    /// Each with whether it lay on a line.
-    points: Vec<([f32; 3], bool)>,
+    points: Vec<Point>,
     /// Triangles round the ends of the collapse on trial: their numbers, and their corners by four.
     around: Vec<u16>,
     corners: Vec<[Vec4; 3]>,
     fours: Vec<Four>,
+    /// Triangles round the place on trial as they are.
+    old: Vec<Four>,
     /// Fours of triangles that move.
     moving: usize,
     /// Neighbours of the place on trial with a triangle between, and the lines there: open edges,
     /// folds, and edges between materials.
     spokes: Vec<Spoke>,
-    lines: Vec<Segment>,
+    lines: Vec<Line>,
     /// The lines at both ends as they are.
-    lines_before: Vec<Segment>,
+    lines_before: Vec<Line>,
     /// Points that the trial looked at, and the triangle nearest to each.
     found: Vec<(u32, u16)>,
-    /// Points that the collapse adds.
-    fresh: Vec<([f32; 3], u16)>,
+    /// Points that the collapse adds, and the triangle of each.
+    fresh: Vec<(Point, u16)>,
 }
 
 impl Budget {
@@ -65,10 +101,8 @@ impl Budget {
         }
         self.head.resize(mesh.triangles.len(), NONE);
         for witness in &mesh.witnesses {
-            let point = self.points.len() as u32;
-            self.points.push((mesh.local(witness.position), false));
-            self.next.push(NONE);
-            self.link(point, witness.triangle as u16);
+            let at = mesh.local(witness.position);
+            self.add(Point { at, kind: PLAIN }, witness.triangle as u16);
         }
     }
 
@@ -100,10 +134,20 @@ impl Budget {
         (best.0, self.around[best.1])
     }
 
-    /// Whether a point lies within the budget of some line.
-    fn is_near(&self, lines: &[Segment], at: [f32; 3]) -> bool {
-        let is_near = |&[a, b]: &Segment| to_segment(at, a, b) <= self.squared;
-        lines.iter().any(is_near)
+    /// A triangle at the nearest line of a point's kind among some, if the point lies within the
+    /// budget of it.
+    fn at_line(&self, lines: &[Line], point: Point) -> Option<u16> {
+        let own = lines.iter().filter(|line| line.kind == point.kind);
+        let near = own.map(|line| (line.squared(point.at), line.triangle));
+        let near = near.filter(|&(squared, _)| squared <= self.squared);
+        let nearest = near.min_by(|a, b| a.0.total_cmp(&b.0));
+        nearest.map(|(_, triangle)| triangle)
+    }
+
+    fn add(&mut self, point: Point, triangle: u16) {
+        self.points.push(point);
+        self.next.push(NONE);
+        self.link(self.points.len() as u32 - 1, triangle);
     }
 
     /// Takes up the corners that were collected, by four.
@@ -162,7 +206,8 @@ impl<const L: usize> Collapser<L> {
             && (!self.on_line[from as usize] || self.lines_are_within(mesh, budget, ends, kept))
             && self.dying_are_within(mesh, budget, ends, kept)
             && edges_are_within(mesh, budget, ends, kept)
-            && self.points_are_within(budget, from)
+            && self.points_are_within(budget, ends)
+            && self.new_are_within(mesh, budget, ends, kept)
     }
 
     /// Collects the triangles round both ends as they lie once `from` has moved onto `to`.
@@ -236,31 +281,76 @@ impl<const L: usize> Collapser<L> {
                     return false;
                 }
                 if uncovered || squared > KEPT * budget.squared {
-                    budget.fresh.push((at, triangle));
+                    budget.fresh.push((Point { at, kind: PLAIN }, triangle));
                 }
             }
         }
         true
     }
 
-    /// Whether the points that the triangles round `from` answer for lie within the budget.
-    fn points_are_within(&self, budget: &mut Budget, from: u16) -> bool {
+    /// Whether the points that the triangles round `from` answer for lie within the budget. Points
+    /// of lines stay with triangles at lines, so that a line does not shrink from its end.
+    fn points_are_within(&self, budget: &mut Budget, [from, to]: [u16; 2]) -> bool {
         let on_line = self.on_line[from as usize];
-        for (triangle, _) in self.star(from) {
-            let mut point = budget.head[triangle];
+        for (own, others) in self.spread(from) {
+            let goes = others.contains(&to);
+            let mut point = budget.head[own];
             while point != NONE {
-                let (at, is_of_line) = budget.points[point as usize];
-                let (squared, triangle) = budget.nearest(at);
-                if squared > budget.squared
-                    || (on_line && is_of_line && !budget.is_near(&budget.lines, at))
-                {
+                let known = budget.points[point as usize];
+                let (squared, nearest) = budget.nearest(known.at);
+                if squared > budget.squared {
                     return false;
                 }
+                let triangle = match known.kind {
+                    PLAIN => Some(nearest),
+                    _ if on_line => budget.at_line(&budget.lines, known),
+                    _ if goes => Some(nearest),
+                    _ => Some(own as u16),
+                };
+                let Some(triangle) = triangle else {
+                    return false;
+                };
                 budget.found.push((point, triangle));
                 point = budget.next[point as usize];
             }
         }
         true
+    }
+
+    /// Whether the triangles that move stay within the budget of the surface as it is: their
+    /// middles, and those of their edges.
+    fn new_are_within(
+        &self,
+        mesh: &GroupMesh,
+        budget: &mut Budget,
+        [from, to]: [u16; 2],
+        kept: &[Kept],
+    ) -> bool {
+        let at = |place: u16| mesh.positions[place as usize];
+        let wide = |place: u16| Vec3::from(at(place)).extend(0.0);
+        budget.old.clear();
+        budget.corners.clear();
+        let corners = &mut budget.corners;
+        corners.extend(
+            self.spread(from)
+                .map(|(_, [a, b])| [wide(from), wide(a), wide(b)]),
+        );
+        let last = corners.len() - 1;
+        for first in (0..=last).step_by(4) {
+            let four = [0, 1, 2, 3].map(|lane| &corners[(first + lane).min(last)]);
+            budget.old.push(gather(four));
+        }
+        corners.clear();
+        let is_near = |at: [f32; 3]| {
+            let beside = &budget.fours[budget.moving..];
+            let mut all = budget.old.iter().chain(beside);
+            all.any(|four| to_triangles(at, four).min_element() <= budget.squared)
+        };
+        kept.iter().all(|own| {
+            let [a, b] = own.others;
+            let center = center(&[at(to), at(a), at(b)]);
+            is_near(center) && is_near(middle(at(to), at(a))) && is_near(middle(at(to), at(b)))
+        })
     }
 
     /// Triangles that go when one place moves onto another.
@@ -280,12 +370,14 @@ impl<const L: usize> Collapser<L> {
     ) -> bool {
         let at = |place: u16| mesh.positions[place as usize];
         let spokes = |end: u16, triangle: usize, others: [u16; 2]| {
+            let number = triangle as u16;
             let vertex = self.corners[triangle][0] as usize;
             let slot = mesh.welder.vertices[vertex].1;
             let [a, b, c] = [end, others[0], others[1]].map(at);
             let normal = cross(sub(b, a), sub(c, a));
             [0, 1].map(|side| Spoke {
                 other: others[side],
+                triangle: number,
                 slot,
                 normal,
                 turn: 1 - 2 * side as i32,
@@ -297,27 +389,46 @@ impl<const L: usize> Collapser<L> {
         for (triangle, others) in after {
             budget.spokes.extend(spokes(to, triangle, others));
         }
-        budget.lines.clear();
-        lines(&mut budget.spokes, |other| {
-            budget.lines.push([at(to), at(other)])
-        });
-        if !budget.is_near(&budget.lines, at(from)) {
-            return false;
-        }
+        let line = |end: u16, spoke: &Spoke, kind: Kind| Line {
+            ends: [at(end), at(spoke.other)],
+            triangle: spoke.triangle,
+            kind,
+        };
+        let Budget {
+            spokes: own,
+            lines: found,
+            ..
+        } = budget;
+        found.clear();
+        lines(own, |spoke, kind| found.push(line(to, spoke, kind)));
         budget.lines_before.clear();
-        for end in [from, to] {
+        let mut of_from = 0;
+        for end in [to, from] {
             budget.spokes.clear();
             for (triangle, others) in self.spread(end) {
                 budget.spokes.extend(spokes(end, triangle, others));
             }
-            lines(&mut budget.spokes, |other| {
-                budget.lines_before.push([at(end), at(other)])
-            });
+            let Budget {
+                spokes: own,
+                lines_before: found,
+                ..
+            } = budget;
+            of_from = found.len();
+            lines(own, |spoke, kind| found.push(line(end, spoke, kind)));
         }
-        let is_near = |lines: &[Segment], [a, b]: Segment| budget.is_near(lines, middle(a, b));
-        let (before, after) = (&budget.lines_before, &budget.lines);
-        before.iter().all(|&line| is_near(after, line))
-            && after.iter().all(|&line| is_near(before, line))
+        let ends = budget.lines_before[of_from..].iter().map(|line| Point {
+            at: at(from),
+            kind: line.kind,
+        });
+        let middles = budget.lines_before.iter().map(Line::middle);
+        for point in ends.chain(middles) {
+            let Some(triangle) = budget.at_line(&budget.lines, point) else {
+                return false;
+            };
+            budget.fresh.push((point, triangle));
+        }
+        let mut after = budget.lines.iter().map(Line::middle);
+        after.all(|point| budget.at_line(&budget.lines_before, point).is_some())
     }
 
     /// Whether the attributes' error is within the budget.
@@ -351,23 +462,18 @@ impl<const L: usize> Collapser<L> {
         }
         let found = std::mem::take(&mut budget.found);
         for &(point, triangle) in &found {
-            let point = match point {
+            match point {
                 NONE => {
-                    let on_line = self.on_line[from as usize];
-                    budget.points.push((mesh.positions[from as usize], on_line));
-                    budget.next.push(NONE);
-                    budget.points.len() as u32 - 1
+                    let at = mesh.positions[from as usize];
+                    budget.add(Point { at, kind: PLAIN }, triangle);
                 }
-                known => known,
-            };
-            budget.link(point, triangle);
+                known => budget.link(known, triangle),
+            }
         }
         budget.found = found;
         let fresh = std::mem::take(&mut budget.fresh);
-        for &(at, triangle) in &fresh {
-            budget.points.push((at, false));
-            budget.next.push(NONE);
-            budget.link(budget.points.len() as u32 - 1, triangle);
+        for &(point, triangle) in &fresh {
+            budget.add(point, triangle);
         }
         budget.fresh = fresh;
         self.budget = budget;
@@ -397,7 +503,7 @@ fn edges_are_within(
             return false;
         }
         if squared > KEPT * budget.squared {
-            budget.fresh.push((at, triangle));
+            budget.fresh.push((Point { at, kind: PLAIN }, triangle));
         }
     }
     true
@@ -407,21 +513,25 @@ fn edges_are_within(
 #[derive(Debug, Clone, Copy)]
 struct Spoke {
     other: u16,
+    triangle: u16,
     slot: u16,
     normal: [f32; 3],
     /// 1 where the triangle runs along the edge, -1 where it runs against it.
     turn: i32,
 }
 
-/// The neighbours to which a line leads: the edge is open, which is where its triangles along and
-/// against it do not balance, it lies between materials, or the surface turns back there.
-fn lines(spokes: &mut [Spoke], mut each: impl FnMut(u16)) {
+/// The edges that lie on lines. A material ends where its triangles along and against an edge do
+/// not balance.
+fn lines(spokes: &mut [Spoke], mut each: impl FnMut(&Spoke, Kind)) {
     spokes.sort_unstable_by_key(|spoke| (spoke.other, spoke.slot));
     for edge in spokes.chunk_by(|a, b| a.other == b.other) {
-        let open = edge.iter().map(|spoke| spoke.turn).sum::<i32>() != 0;
-        let folded = edge.len() == 2 && is_fold(edge[0].normal, edge[1].normal);
-        if open || folded || edge[0].slot != edge[edge.len() - 1].slot {
-            each(edge[0].other);
+        if edge.len() == 2 && is_fold(edge[0].normal, edge[1].normal) {
+            each(&edge[0], FOLD);
+        }
+        for own in edge.chunk_by(|a, b| a.slot == b.slot) {
+            if own.iter().map(|spoke| spoke.turn).sum::<i32>() != 0 {
+                each(&own[0], own[0].slot);
+            }
         }
     }
 }

@@ -369,6 +369,7 @@ impl<const L: usize> Collapser<L> {
         self.moved_to[from as usize] = to;
         self.age[to as usize] += 1;
         self.folded[to as usize] |= self.folded[from as usize];
+        self.on_line[to as usize] |= self.on_line[from as usize];
         self.open_moved |= mesh.rules[from as usize] == OPEN;
     }
 

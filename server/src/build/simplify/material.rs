@@ -1,4 +1,4 @@
-//! Materials: how far the borders between them have moved, and what is gone of them, which no distance between surfaces tells.
+//! Materials: how far their outlines have moved, and what is gone of them, which no distance between surfaces tells.
 
 use std::collections::HashMap;
 
@@ -6,12 +6,13 @@ use super::group::GroupMesh;
 use super::nearest::{middle, to_segment};
 use super::quadric::{cross, dot, sub};
 
-type Segment = [[f32; 3]; 2];
+/// An edge at the outline of a material, with its slot.
+type Edge = (u16, [[f32; 3]; 2]);
 
-/// Farthest distance between the borders of the group's triangles over `origins` and those of `after`, both ways at ends and
-/// middles, units, but at most `size`: what is wrong with a triangle's material is wrong over that triangle and no farther.
-/// 0 where there is one material.
-pub(super) fn borders_moved(
+/// Farthest distance between the outlines of the materials of a group over `origins` and those of
+/// `after`, both ways at ends and middles, units, but at most `size`: a wrong material is wrong over
+/// a triangle and no farther. 0 where there is one material.
+pub(super) fn outlines_moved(
     mesh: &GroupMesh,
     origins: &[[f32; 3]],
     after: &[[u16; 3]],
@@ -22,9 +23,24 @@ pub(super) fn borders_moved(
     if slots.clone().all(|slot| Some(slot) == first) {
         return 0.0;
     }
-    let old = borders(mesh, &mesh.gathered, origins);
-    let new = borders(mesh, after, &mesh.positions);
-    farthest(&old, &new, size).max(farthest(&new, &old, size))
+    let old = outlines(mesh, &mesh.gathered, origins);
+    let new = outlines(mesh, after, &mesh.positions);
+    let by_slot = |a: &Edge, b: &Edge| a.0 == b.0;
+    let slot_of = |corners: &[u16; 3]| mesh.welder.vertices[corners[0] as usize].1;
+    let is_left = |slot: u16| after.iter().any(|corners| slot_of(corners) == slot);
+    let mut worst = 0.0f32;
+    for [from, to] in [[&old, &new], [&new, &old]] {
+        for own in from.chunk_by(by_slot) {
+            let slot = own[0].0;
+            let first = to.partition_point(|edge| edge.0 < slot);
+            let end = to.partition_point(|edge| edge.0 <= slot);
+            // A material that is gone is charged by `lost`.
+            if first < end || is_left(slot) {
+                worst = worst.max(farthest(own, &to[first..end], size));
+            }
+        }
+    }
+    worst
 }
 
 /// The size of what is gone of a material that no triangle of `after` has: a stripe on a road lies on the road when it is
@@ -53,39 +69,32 @@ pub(super) fn lost(mesh: &GroupMesh, origins: &[[f32; 3]], after: &[[u16; 3]]) -
         .fold(0.0, |most: f32, &(_, area)| most.max(area.sqrt()))
 }
 
-/// Edges with different materials on their sides.
-fn borders(mesh: &GroupMesh, triangles: &[[u16; 3]], positions: &[[f32; 3]]) -> Vec<Segment> {
-    let mut sides: HashMap<(usize, usize), (u16, bool)> = HashMap::new();
+/// Edges where the triangles of a material along and against them do not balance, by slot.
+fn outlines(mesh: &GroupMesh, triangles: &[[u16; 3]], positions: &[[f32; 3]]) -> Vec<Edge> {
+    let mut balances: HashMap<(u16, usize, usize), i32> = HashMap::new();
     for &triangle in triangles {
         let slot = mesh.welder.vertices[triangle[0] as usize].1;
         let places = mesh.places(triangle);
         for side in 0..3 {
             let (a, b) = (places[side], places[(side + 1) % 3]);
-            sides
-                .entry((a.min(b), a.max(b)))
-                .and_modify(|known| known.1 = known.0 != slot)
-                .or_insert((slot, false));
+            let turn = if a < b { 1 } else { -1 };
+            *balances.entry((slot, a.min(b), a.max(b))).or_default() += turn;
         }
     }
-    let mut borders: Vec<(usize, usize)> = sides
-        .into_iter()
-        .filter(|&(_, (_, border))| border)
-        .map(|(edge, _)| edge)
-        .collect();
-    borders.sort_unstable();
-    let segments = borders
-        .into_iter()
-        .map(|(a, b)| [positions[a], positions[b]]);
-    segments.collect()
+    balances.retain(|_, balance| *balance != 0);
+    let mut edges: Vec<(u16, usize, usize)> = balances.into_keys().collect();
+    edges.sort_unstable();
+    let segment = |(slot, a, b): (u16, usize, usize)| (slot, [positions[a], positions[b]]);
+    edges.into_iter().map(segment).collect()
 }
 
-fn farthest(from: &[Segment], to: &[Segment], size: f32) -> f32 {
+fn farthest(from: &[Edge], to: &[Edge], size: f32) -> f32 {
     let most = size * size;
     let mut worst = 0.0f32;
-    for &[a, b] in from {
+    for &(_, [a, b]) in from {
         for at in [a, middle(a, b)] {
             let mut least = most;
-            for &[from, to] in to {
+            for &(_, [from, to]) in to {
                 least = least.min(to_segment(at, from, to));
                 if least <= worst {
                     break;

@@ -312,7 +312,7 @@ fn collapse<const L: usize>(
         .filter(|&triangle| state.alive[triangle])
         .map(|triangle| state.corners[triangle])
         .collect();
-    let moved = material::borders_moved(mesh, origins, &live, mesh.typical_edge(&live));
+    let moved = material::outlines_moved(mesh, origins, &live, mesh.typical_edge(&live));
     let lost_material = material::lost(mesh, origins, &live);
     let attribute = attributes::deviation(state, mesh, &live);
     Some(Outcome {
