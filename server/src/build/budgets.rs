@@ -16,8 +16,11 @@ use super::simplify::{Job, Workspace};
 /// Runs of clusters that the first budget is taken from.
 const PROBES: usize = 8;
 
-/// Share of the first distance that the first budget is: some groups are finer than most.
-const FIRST: f64 = 0.5;
+/// Share of the triangles that the first round leaves at most, with the smallest budget that does.
+const FIRST_LEFT: f64 = 0.7;
+/// Halvings and doublings of the distance that half of the triangles cost, until one is the first
+/// budget.
+const MOST_TRIALS: usize = 4;
 /// Share of the triangles that a round should leave.
 const WANTED_LEFT: f64 = 0.5;
 /// Factor that the first round is taken to have grown by.
@@ -55,17 +58,25 @@ impl Budgets {
         let run = USUAL_GROUP_CLUSTERS.min(pool.len());
         let probes = pool.len().div_ceil(run.max(1)).min(PROBES);
         let first_of = |probe: usize| probe * (pool.len() - run) / (probes - 1).max(1);
-        let mut found: Vec<f64> = (0..probes)
-            .into_par_iter()
-            .map_init(Workspace::default, |workspace, probe| {
-                let clusters = &pool[first_of(probe)..][..run];
-                typical_metres(dag, plan, clusters, all, workspace)
-            })
+        let probes: Vec<Probe> = (0..probes)
+            .map(|probe| Probe::new(dag, plan, &pool[first_of(probe)..][..run], all))
             .collect::<Result<_, _>>()?;
+        let mut found: Vec<f64> = probes
+            .par_iter()
+            .map_init(Workspace::default, |workspace, probe| {
+                probe.ask(plan, f64::INFINITY, |job, views| {
+                    workspace.typical_metres(job, views)
+                })
+            })
+            .collect();
         found.sort_by(f64::total_cmp);
-        let first_metres = FIRST * found.get(found.len() / 2).copied().unwrap_or(0.0);
+        let typical_metres = found.get(found.len() / 2).copied().unwrap_or(0.0);
+        let least_metres = plan.grids.rounding_metres();
+        let first_metres = first(typical_metres, least_metres, |metres| {
+            left(&probes, plan, metres)
+        });
         Ok(Self {
-            metres: first_metres.max(plan.grids.rounding_metres()),
+            metres: first_metres,
             factor: FACTOR,
             most_metres: extent as f64 * plan.grids.step_metres(),
         })
@@ -93,38 +104,82 @@ impl Budgets {
     }
 }
 
-/// Distance that most places of some clusters keep to when half of their triangles go, the border
-/// untouched.
-fn typical_metres(
-    dag: &Dag,
-    plan: Plan,
-    clusters: &[u32],
-    all: ChunkBounds,
-    workspace: &mut Workspace,
-) -> Result<f64, BuildError> {
-    let parts = dag.parts(clusters)?;
-    let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
-    let borders = Borders::new(&views);
-    let group: Vec<u32> = (0..views.len() as u32).collect();
-    let rules = borders.rules(&[group], &[all], plan.fixed);
-    let rules: Vec<Vec<u8>> = views
-        .iter()
-        .enumerate()
-        .map(|(number, view)| borders.rules_of(number, view, &rules))
-        .collect();
-    let job = Job {
-        grids: plan.grids,
-        placement: plan.placement,
-        level: 1,
-        members_metres: &[],
-        merge: false,
-        budget_metres: f64::INFINITY,
-    };
-    let views = views
-        .iter()
-        .copied()
-        .zip(rules.iter().map(|rules| &rules[..]));
-    Ok(workspace.typical_metres(&job, views))
+/// Some clusters as a group of their own, its border untouched.
+struct Probe {
+    parts: Vec<Vec<u32>>,
+    rules: Vec<Vec<u8>>,
+}
+
+impl Probe {
+    fn new(dag: &Dag, plan: Plan, clusters: &[u32], all: ChunkBounds) -> Result<Self, BuildError> {
+        let parts = dag.parts(clusters)?;
+        let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
+        let borders = Borders::new(&views);
+        let group: Vec<u32> = (0..views.len() as u32).collect();
+        let rules = borders.rules(&[group], &[all], plan.fixed);
+        let of_view = |(number, view)| borders.rules_of(number, view, &rules);
+        let rules = views.iter().enumerate().map(of_view).collect();
+        Ok(Self { parts, rules })
+    }
+
+    /// Asks about the group with a budget.
+    fn ask<'a, T>(
+        &'a self,
+        plan: Plan,
+        budget_metres: f64,
+        question: impl FnOnce(&Job, Group<'a>) -> T,
+    ) -> T {
+        let job = Job {
+            grids: plan.grids,
+            placement: plan.placement,
+            level: 1,
+            members_metres: &[],
+            merge: false,
+            budget_metres,
+        };
+        let parts = self.parts.iter().zip(&self.rules);
+        let views = parts.map(|(part, rules)| (ClusterView::new(part), &rules[..]));
+        question(&job, views.collect::<Vec<_>>().into_iter())
+    }
+}
+
+type Group<'a> = std::vec::IntoIter<(ClusterView<'a>, &'a [u8])>;
+
+/// Share of the triangles that some probes leave within a budget.
+fn left(probes: &[Probe], plan: Plan, budget_metres: f64) -> f64 {
+    let counts = probes
+        .par_iter()
+        .map_init(Workspace::default, |workspace, probe| {
+            probe.ask(plan, budget_metres, |job, views| {
+                workspace.counts(job, views)
+            })
+        });
+    let add = |a: [usize; 2], b: [usize; 2]| [a[0] + b[0], a[1] + b[1]];
+    let [before, left] = counts.reduce(|| [0, 0], add);
+    left as f64 / before.max(1) as f64
+}
+
+/// The smallest budget, `least_metres` at least, of which `left` says that it leaves few enough
+/// triangles, by halving and doubling.
+fn first(typical_metres: f64, least_metres: f64, left: impl Fn(f64) -> f64) -> f64 {
+    let brings = |metres: f64| left(metres) <= FIRST_LEFT;
+    let mut metres = typical_metres.max(least_metres);
+    let down = brings(metres);
+    for _ in 0..MOST_TRIALS {
+        let next = if down { 0.5 * metres } else { 2.0 * metres };
+        if next < least_metres {
+            break;
+        }
+        let next_brings = brings(next);
+        if down && !next_brings {
+            break;
+        }
+        metres = next;
+        if next_brings && !down {
+            break;
+        }
+    }
+    metres
 }
 
 #[cfg(test)]
@@ -152,6 +207,28 @@ mod tests {
             rounds += 1;
         }
         assert!(budgets.metres().is_infinite() && rounds < 40, "{rounds}");
+    }
+
+    #[test]
+    fn the_first_budget_is_the_smallest_that_brings_something() {
+        // Half of the triangles go at a metre; a steep and a flat fall round it.
+        let left = |fall: f64| move |metres: f64| 1.0 / (1.0 + metres.powf(fall));
+        for fall in [0.5, 1.0, 3.0] {
+            for typical in [0.1, 1.0, 6.0] {
+                let found = first(typical, 1e-9, left(fall));
+                assert!(
+                    left(fall)(found) <= FIRST_LEFT,
+                    "{fall} from {typical}: {found}"
+                );
+                assert!(
+                    left(fall)(0.5 * found) > FIRST_LEFT,
+                    "{fall} from {typical}: {found}"
+                );
+            }
+        }
+        // Nothing brings anything, and anything brings all.
+        assert_eq!(first(1.0, 1e-9, |_| 1.0), 2f64.powi(MOST_TRIALS as i32));
+        assert_eq!(first(1.0, 0.3, |_| 0.0), 0.5);
     }
 
     #[test]

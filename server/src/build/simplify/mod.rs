@@ -25,7 +25,7 @@ use super::clusterize::{Clusterizer, Clusters, Surface};
 use super::measure;
 use super::vertex::Grids;
 use collapse::Collapser;
-use group::{GroupMesh, attribute_count};
+use group::{GroupMesh, Weights, attribute_count};
 pub(super) use nearest::{Four, gather, to_triangles};
 use parts::{Limits, Thinner};
 use quadric::{cross, dot, sub};
@@ -148,26 +148,55 @@ impl Workspace {
         distance * mesh.unit as f64 * job.grids.step_metres()
     }
 
+    /// Triangles of a group, and those left within its budget.
+    pub fn counts<'a>(
+        &mut self,
+        job: &Job,
+        clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
+    ) -> [usize; 2] {
+        let start = self.start(job, clusters);
+        let limits = start.limits(job);
+        let mesh = &self.mesh;
+        let left = match attribute_count(job.grids.attributes) {
+            0 => left(&mut self.plain, mesh, job, &limits),
+            1..=4 => left(&mut self.four, mesh, job, &limits),
+            5..=8 => left(&mut self.eight, mesh, job, &limits),
+            _ => left(&mut self.twelve, mesh, job, &limits),
+        };
+        [mesh.gathered.len(), left]
+    }
+
+    /// Gathers a group and lets its small parts stand for each other.
+    fn start<'a>(
+        &mut self,
+        job: &Job,
+        clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
+    ) -> Start {
+        self.mesh.gather(clusters);
+        let metres = self.mesh.unit as f64 * job.grids.step_metres();
+        let members = job.members_metres.iter();
+        let start = Start {
+            metres,
+            members: members.map(|&own| (own as f64 / metres) as f32).collect(),
+            target: target(self.mesh.triangles.len(), job.budget_metres),
+        };
+        self.origins.clear();
+        self.origins.extend_from_slice(&self.mesh.positions);
+        self.thinner.start(&self.mesh);
+        let limits = start.limits(job);
+        let attributes = job.grids.attributes;
+        self.thinner.thin(&mut self.mesh, &limits, attributes);
+        start
+    }
+
     /// Halves a group, or gives `None` where nothing allowed removes enough.
     pub fn simplify<'a>(
         &mut self,
         job: &Job,
         clusters: impl Iterator<Item = (ClusterView<'a>, &'a [u8])> + Clone,
     ) -> Option<Simplified> {
-        self.mesh.gather(clusters.clone());
-        let target = target(self.mesh.triangles.len(), job.budget_metres);
-        let units = 1.0 / (self.mesh.unit as f64 * job.grids.step_metres());
-        let members = members(job, units);
-        let limits = Limits {
-            budget: job.budget_metres * units,
-            members: &members,
-            target,
-        };
-        self.origins.clear();
-        self.origins.extend_from_slice(&self.mesh.positions);
-        self.thinner.start(&self.mesh);
-        let attributes = job.grids.attributes;
-        self.thinner.thin(&mut self.mesh, &limits, attributes);
+        let start = self.start(job, clusters.clone());
+        let limits = start.limits(job);
         let Self {
             mesh,
             plain,
@@ -191,7 +220,7 @@ impl Workspace {
             None if job.merge => {
                 // Cells take parts as they were.
                 mesh.gather(clusters);
-                merged(mesh, &members, target)?
+                merged(mesh, limits.members, limits.target)?
             }
             None => return None,
         };
@@ -204,10 +233,10 @@ impl Workspace {
         };
         Some(Simplified {
             clusters: clusterizer.clusterize(&surface, job.level),
-            distance_metres: result.distance / units,
+            distance_metres: result.distance * start.metres,
             samples: result.samples,
-            lost_metres: result.lost / units,
-            attribute_metres: result.attribute / units,
+            lost_metres: result.lost * start.metres,
+            attribute_metres: result.attribute * start.metres,
             open_edges_moved: result.open_edges_moved,
         })
     }
@@ -265,10 +294,57 @@ fn typical<const L: usize>(
     distances.get(at).copied().unwrap_or(0.0) as f64
 }
 
-/// Distance that each cluster may have from the source, units.
-fn members(job: &Job, units: f64) -> Vec<f32> {
-    let own = |&metres: &f32| (metres as f64 * units) as f32;
-    job.members_metres.iter().map(own).collect()
+/// A group's scale and the limits of its simplification.
+struct Start {
+    /// Metres of a unit.
+    metres: f64,
+    /// Distance that each cluster may have from the source, units.
+    members: Vec<f32>,
+    target: usize,
+}
+
+impl Start {
+    fn limits(&self, job: &Job) -> Limits<'_> {
+        Limits {
+            budget: job.budget_metres / self.metres,
+            members: &self.members,
+            target: self.target,
+        }
+    }
+}
+
+/// Collapses within the limits until a sweep brings little.
+fn sweep<const L: usize>(
+    state: &mut Collapser<L>,
+    mesh: &GroupMesh,
+    job: &Job,
+    limits: &Limits,
+) -> Weights {
+    let edge = mesh.typical_edge(&mesh.triangles);
+    let weights = mesh.weights(job.grids, edge);
+    state.start(mesh, job.grids, &weights);
+    state.budget.start(mesh, limits.budget as f32);
+    let mut left = mesh.triangles.len();
+    for sweep in 0..MOST_SWEEPS {
+        state.run(mesh, limits.target, sweep == 0);
+        // A refused collapse may be allowed now that its neighbours have moved.
+        if state.live <= limits.target || state.live as f64 > WORTH_A_SWEEP * left as f64 {
+            break;
+        }
+        left = state.live;
+    }
+    weights
+}
+
+/// Triangles left within the limits.
+fn left<const L: usize>(
+    state: &mut Collapser<L>,
+    mesh: &GroupMesh,
+    job: &Job,
+    limits: &Limits,
+) -> usize {
+    sweep(state, mesh, job, limits);
+    state.live
 }
 
 fn collapse<const L: usize>(
@@ -280,20 +356,8 @@ fn collapse<const L: usize>(
     job: &Job,
     limits: &Limits,
 ) -> Option<Outcome> {
-    let (before, target) = (mesh.triangles.len(), limits.target);
-    let edge = mesh.typical_edge(&mesh.triangles);
-    let weights = mesh.weights(job.grids, edge);
-    state.start(mesh, job.grids, &weights);
-    state.budget.start(mesh, limits.budget as f32);
-    let mut left = before;
-    for sweep in 0..MOST_SWEEPS {
-        state.run(mesh, target, sweep == 0);
-        // What was refused may be allowed now that its neighbours have moved.
-        if state.live <= target || state.live as f64 > WORTH_A_SWEEP * left as f64 {
-            break;
-        }
-        left = state.live;
-    }
+    let before = mesh.triangles.len();
+    let weights = sweep(state, mesh, job, limits);
     if state.live as f64 > MOST_LEFT * mesh.gathered.len() as f64 || state.live == 0 {
         return None;
     }
