@@ -214,7 +214,7 @@ mod tests {
         // Half of the triangles go at a metre; a steep and a flat fall round it.
         let left = |fall: f64| move |metres: f64| 1.0 / (1.0 + metres.powf(fall));
         for fall in [0.5, 1.0, 3.0] {
-            for typical in [0.1, 1.0, 6.0] {
+            for typical in [0.2, 1.0, 2.5] {
                 let found = first(typical, 1e-9, left(fall));
                 assert!(
                     left(fall)(found) <= FIRST_LEFT,

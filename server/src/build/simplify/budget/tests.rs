@@ -9,33 +9,44 @@ use crate::import::Mesh;
 
 const SIDE: i32 = 24;
 
-/// Squares of 64 steps under two waves of other lengths; the rim stays.
-fn waves() -> GroupMesh {
+/// Steps of a square.
+const SQUARE: i32 = 64;
+
+/// Squares under a height, each with the slot of its material; the rim stays.
+fn field(height: impl Fn(i32, i32) -> i32, slot: impl Fn(i32, i32) -> u16) -> GroupMesh {
     let mut mesh = GroupMesh::default();
-    mesh.welder.clear(((SIDE + 1) * (SIDE + 1)) as usize);
-    for y in 0..=SIDE {
-        for x in 0..=SIDE {
-            let wave = |k: f64| (k * x as f64).sin() * (0.7 * k * y as f64).cos();
-            let height = 90.0 * wave(0.3) + 25.0 * wave(1.7);
-            let vertex = Vertex {
-                position: [64 * x, 64 * y, height as i32],
-                ..Vertex::default()
-            };
-            mesh.welder.number(&vertex, 0);
-            let rim = [x, y].iter().any(|&at| at == 0 || at == SIDE);
-            mesh.rules.push(if rim { LOCKED } else { FREE });
-        }
-    }
+    mesh.welder.clear(2 * ((SIDE + 1) * (SIDE + 1)) as usize);
     for y in 0..SIDE {
         for x in 0..SIDE {
-            let a = (y * (SIDE + 1) + x) as u16;
-            let [b, c, d] = [a + 1, a + SIDE as u16 + 2, a + SIDE as u16 + 1];
+            let corner = |mesh: &mut GroupMesh, [x, y]: [i32; 2], slot: u16| {
+                let vertex = Vertex {
+                    position: [SQUARE * x, SQUARE * y, height(x, y)],
+                    ..Vertex::default()
+                };
+                let number = mesh.welder.number(&vertex, slot) as u16;
+                if mesh.rules.len() < mesh.welder.place_count() {
+                    let rim = [x, y].iter().any(|&at| at == 0 || at == SIDE);
+                    mesh.rules.push(if rim { LOCKED } else { FREE });
+                }
+                number
+            };
+            let all = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
+            let [a, b, c, d] = all.map(|at| corner(&mut mesh, at, slot(x, y)));
             mesh.triangles.extend([[a, b, c], [a, c, d]]);
         }
     }
     mesh.first_triangles.push(0);
     mesh.place_positions();
     mesh
+}
+
+/// Two waves of other lengths.
+fn waves() -> GroupMesh {
+    let height = |x: i32, y: i32| {
+        let wave = |k: f64| (k * x as f64).sin() * (0.7 * k * y as f64).cos();
+        (90.0 * wave(0.3) + 25.0 * wave(1.7)) as i32
+    };
+    field(height, |_, _| 0)
 }
 
 fn some_grids() -> Grids {
@@ -55,26 +66,33 @@ fn some_grids() -> Grids {
     grids("triangle", &survey, wanted, &mut Vec::new()).expect("grids")
 }
 
-/// Triangles left and the farthest place of the source, units, when all goes that may.
-fn run(distance: f32) -> (usize, f64) {
-    let mesh = waves();
+/// What is left of a mesh when all goes that may.
+fn left(mesh: &GroupMesh, distance: f32, target: usize) -> Vec<[u16; 3]> {
     let mut state = Collapser::<0>::default();
     let weights = Weights {
         normal: 0.0,
         uv: 0.0,
         color: 0.0,
     };
-    state.start(&mesh, &some_grids(), &weights);
-    state.budget.start(&mesh, distance);
-    state.run(&mesh, 200, true);
-    let left: Vec<[u32; 3]> = (0..mesh.triangles.len())
-        .filter(|&triangle| state.alive[triangle])
-        .map(|triangle| {
-            mesh.places(state.corners[triangle])
-                .map(|place| place as u32)
-        })
-        .collect();
-    let tree = TriangleTree::new(&mesh.positions, &left);
+    state.start(mesh, &some_grids(), &weights);
+    state.budget.start(mesh, distance);
+    state.run(mesh, target, true);
+    let all = state.corners.iter().zip(&state.alive);
+    let alive = all.filter(|&(_, &alive)| alive);
+    alive.map(|(&corners, _)| corners).collect()
+}
+
+fn tree(mesh: &GroupMesh, triangles: &[[u16; 3]]) -> TriangleTree {
+    let places = |&own: &[u16; 3]| mesh.places(own).map(|place| place as u32);
+    let places: Vec<[u32; 3]> = triangles.iter().map(places).collect();
+    TriangleTree::new(&mesh.positions, &places)
+}
+
+/// Triangles left and the farthest place of the source, units, when all goes that may.
+fn run(distance: f32) -> (usize, f64) {
+    let mesh = waves();
+    let left = left(&mesh, distance, 200);
+    let tree = tree(&mesh, &left);
     let away = mesh.positions.iter().map(|at| {
         let squared = tree.distance_squared(at.map(f64::from), -1.0);
         squared.sqrt()
@@ -97,4 +115,81 @@ fn no_place_goes_farther_than_the_budget() {
         before = left;
     }
     assert!(before >= free);
+}
+
+/// A square tube along a line that turns to and fro, a ring every step of it; the ends stay.
+fn branch(width: f64) -> GroupMesh {
+    const RINGS: i32 = 160;
+    const ARM: i32 = 16;
+    let mut mesh = GroupMesh::default();
+    mesh.welder.clear(4 * RINGS as usize);
+    for ring in 0..RINGS {
+        let turn = f64::from(ring) * std::f64::consts::PI / f64::from(ARM);
+        let at = [
+            600.0 * turn.cos(),
+            24.0 * f64::from(ring),
+            90.0 * (3.1 * turn).sin(),
+        ];
+        for [side, up] in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]] {
+            let offset = [0.0, side * width, up * width];
+            let vertex = Vertex {
+                position: [0, 1, 2].map(|axis| (at[axis] + offset[axis]).round() as i32),
+                ..Vertex::default()
+            };
+            mesh.welder.number(&vertex, 0);
+            let is_end = ring == 0 || ring == RINGS - 1;
+            mesh.rules.push(if is_end { LOCKED } else { FREE });
+        }
+    }
+    for ring in 0..RINGS - 1 {
+        for side in 0..4 {
+            let [a, b] = [side, (side + 1) % 4].map(|side| (4 * ring + side) as u16);
+            mesh.triangles.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
+        }
+    }
+    mesh.first_triangles.push(0);
+    mesh.place_positions();
+    mesh
+}
+
+#[test]
+fn new_triangles_keep_near_the_source() {
+    for width in [15.0, 20.0, 25.0] {
+        let mesh = branch(width);
+        let source = tree(&mesh, &mesh.triangles);
+        let budget = 100.0 / mesh.unit;
+        let left = left(&mesh, budget, 1);
+        assert!(left.len() < mesh.triangles.len() / 2, "{}", left.len());
+        let mut farthest = 0.0f64;
+        for own in left {
+            let [a, b, c] = mesh.places(own).map(|place| mesh.positions[place]);
+            for at in [center(&[a, b, c]), middle(a, b), middle(b, c), middle(c, a)] {
+                let squared = source.distance_squared(at.map(f64::from), -1.0);
+                farthest = farthest.max(squared.sqrt());
+            }
+        }
+        assert!(farthest <= 1.6 * budget as f64, "{width}: {farthest}");
+    }
+}
+
+#[test]
+fn a_stripe_does_not_shrink_from_its_ends() {
+    const STRIPE: i32 = SIDE / 2;
+    const ALONG: std::ops::Range<i32> = 4..SIDE - 4;
+    let slot = |x: i32, y: i32| u16::from(y == STRIPE && ALONG.contains(&x));
+    let mesh = field(|_, _| 0, slot);
+    // Wider than the stripe, so that its sides may fall together, and less than two squares.
+    let budget = 1.2 * SQUARE as f32 / mesh.unit;
+    let left = left(&mesh, budget, 1);
+    let of_stripe = |own: &&[u16; 3]| mesh.welder.vertices[own[0] as usize].1 == 1;
+    let stripe: Vec<[u16; 3]> = left.iter().filter(of_stripe).copied().collect();
+    let tree = tree(&mesh, &stripe);
+    for x in ALONG.start..=ALONG.end {
+        for y in [STRIPE, STRIPE + 1] {
+            let at = mesh.local([SQUARE * x, SQUARE * y, 0]).map(f64::from);
+            let away = tree.distance_squared(at, -1.0).sqrt();
+            assert!(away <= 1.0001 * budget as f64, "{x}: {away} for {budget}");
+        }
+    }
+    assert!(left.len() < mesh.triangles.len() / 2, "{}", left.len());
 }
