@@ -10,6 +10,7 @@
 
 use std::collections::HashMap;
 
+use foldhash::fast::RandomState;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -116,7 +117,8 @@ struct Fans {
 
 impl Fans {
     fn gather(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Self {
-        let mut ids: HashMap<[u32; 3], u32> = HashMap::with_capacity(positions.len());
+        let mut ids: HashMap<[u32; 3], u32, RandomState> =
+            HashMap::with_capacity_and_hasher(positions.len(), RandomState::default());
         let id_of_vertex: Vec<u32> = positions
             .iter()
             .map(|position| {
@@ -183,7 +185,7 @@ impl Task {
         faces: &[[f32; 3]],
     ) -> Self {
         let mut task = Self::default();
-        let mut vertices: HashMap<(u32, [u32; 3]), u32> = HashMap::new();
+        let mut vertices: HashMap<(u32, [u32; 3]), u32, RandomState> = HashMap::default();
         for position in range {
             let spoke = |&corner: &u32| {
                 let (triangle, place) = (corner as usize / 3, corner as usize % 3);

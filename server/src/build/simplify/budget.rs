@@ -16,6 +16,8 @@ use super::quadric::{cross, sub};
 use super::setup::is_fold;
 
 const NONE: u32 = u32::MAX;
+/// The place of a point that is none.
+const BETWEEN: u16 = u16::MAX;
 /// The middle of an edge that goes is kept where its squared distance is more than this share of
 /// the squared budget.
 const KEPT: f32 = 0.1;
@@ -31,6 +33,32 @@ const DEAR_ON_LINE: f32 = 20.0;
 
 type Segment = [[f32; 3]; 2];
 
+/// A point of the source.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    at: [f32; 3],
+    /// Whether it lay on a line.
+    is_of_line: bool,
+    /// The place that it was, or [`BETWEEN`].
+    place: u16,
+}
+
+/// A place or a witness that a triangle answers for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Answered {
+    pub at: [f32; 3],
+    pub triangle: usize,
+    pub source: Source,
+}
+
+/// Where a point comes from.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Source {
+    Place(u16),
+    /// Number of a witness of the group.
+    Witness(u32),
+}
+
 /// Points of the source by the triangle that answers for them.
 #[derive(Debug, Default)]
 pub(super) struct Budget {
@@ -39,8 +67,11 @@ pub(super) struct Budget {
     /// First point of each triangle, and the next of each point.
     head: Vec<u32>,
     next: Vec<u32>,
-    /// Each with whether it lay on a line.
-    points: Vec<([f32; 3], bool)>,
+    /// The first ones are the group's witnesses.
+    points: Vec<Point>,
+    witnesses: u32,
+    /// The triangle that answers for each.
+    triangles: Vec<u16>,
     /// Triangles round the ends of the collapse on trial: their numbers, and their corners by four.
     around: Vec<u16>,
     corners: Vec<[Vec4; 3]>,
@@ -66,16 +97,46 @@ impl Budget {
         self.head.clear();
         self.next.clear();
         self.points.clear();
+        self.triangles.clear();
         if !self.is_limited() {
             return;
         }
         self.head.resize(mesh.triangles.len(), NONE);
+        self.witnesses = mesh.witnesses.len() as u32;
         for witness in &mesh.witnesses {
-            let point = self.points.len() as u32;
-            self.points.push((mesh.local(witness.position), false));
-            self.next.push(NONE);
-            self.link(point, witness.triangle as u16);
+            let at = mesh.local(witness.position);
+            self.add(at, false, BETWEEN, witness.triangle as u16);
         }
+    }
+
+    /// Adds a point that a triangle answers for.
+    fn add(&mut self, at: [f32; 3], is_of_line: bool, place: u16, triangle: u16) {
+        self.points.push(Point {
+            at,
+            is_of_line,
+            place,
+        });
+        self.next.push(NONE);
+        self.triangles.push(triangle);
+        self.link(self.points.len() as u32 - 1, triangle);
+    }
+
+    /// Places that went and witnesses, each with the triangle that answers for it, which was the
+    /// nearest of those round it.
+    pub fn answered(&self) -> impl Iterator<Item = Answered> + '_ {
+        let all = (0..).zip(self.points.iter().zip(&self.triangles));
+        all.filter_map(|(number, (&Point { at, place, .. }, &triangle))| {
+            let source = match place {
+                BETWEEN if number >= self.witnesses => return None,
+                BETWEEN => Source::Witness(number),
+                place => Source::Place(place),
+            };
+            Some(Answered {
+                at,
+                triangle: triangle as usize,
+                source,
+            })
+        })
     }
 
     /// Whether some distance is too large.
@@ -89,6 +150,7 @@ impl Budget {
     }
 
     fn link(&mut self, point: u32, triangle: u16) {
+        self.triangles[point as usize] = triangle;
         let head = &mut self.head[triangle as usize];
         self.next[point as usize] = *head;
         *head = point;
@@ -162,7 +224,8 @@ impl<const L: usize> Collapser<L> {
             true => DEAR_ON_LINE,
             false => DEAR,
         };
-        self.budget.is_exceeded(far, share * (weight[0] + weight[1]))
+        self.budget
+            .is_exceeded(far, share * (weight[0] + weight[1]))
     }
 
     fn distance_is_within(
@@ -272,7 +335,7 @@ impl<const L: usize> Collapser<L> {
         for (triangle, _) in self.star(from) {
             let mut point = budget.head[triangle];
             while point != NONE {
-                let (at, is_of_line) = budget.points[point as usize];
+                let Point { at, is_of_line, .. } = budget.points[point as usize];
                 let (squared, triangle) = budget.nearest(at);
                 if squared > budget.squared
                     || (on_line && is_of_line && !budget.is_near(&budget.lines, at))
@@ -374,23 +437,18 @@ impl<const L: usize> Collapser<L> {
         }
         let found = std::mem::take(&mut budget.found);
         for &(point, triangle) in &found {
-            let point = match point {
+            match point {
                 NONE => {
                     let on_line = self.on_line[from as usize];
-                    budget.points.push((mesh.positions[from as usize], on_line));
-                    budget.next.push(NONE);
-                    budget.points.len() as u32 - 1
+                    budget.add(mesh.positions[from as usize], on_line, from, triangle);
                 }
-                known => known,
-            };
-            budget.link(point, triangle);
+                known => budget.link(known, triangle),
+            }
         }
         budget.found = found;
         let fresh = std::mem::take(&mut budget.fresh);
         for &(at, triangle) in &fresh {
-            budget.points.push((at, false));
-            budget.next.push(NONE);
-            budget.link(budget.points.len() as u32 - 1, triangle);
+            budget.add(at, false, BETWEEN, triangle);
         }
         budget.fresh = fresh;
         self.budget = budget;

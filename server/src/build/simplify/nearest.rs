@@ -64,6 +64,19 @@ impl Patch {
         self.triangles.iter().copied()
     }
 
+    /// Places of a triangle.
+    pub fn places(&self, triangle: usize) -> [u16; 3] {
+        self.triangles[triangle]
+    }
+
+    /// Squared distance of each of four points to a triangle of its own.
+    pub fn to_own(&self, points: [[f32; 3]; 4], triangles: [usize; 4]) -> [f32; 4] {
+        let [a, b, c, d] = points.map(|at| Vec3::from(at).extend(0.0));
+        let at = Mat4::from_cols(a, b, c, d).transpose();
+        let four = gather(triangles.map(|triangle| &self.corners[triangle]));
+        from_points([at.x_axis, at.y_axis, at.z_axis], &four).to_array()
+    }
+
     /// Whether some triangle is at a place.
     pub fn holds(&self, place: u16) -> bool {
         self.first[place as usize] < self.first[place as usize + 1]
@@ -163,8 +176,14 @@ pub(in super::super) fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
 }
 
 /// Squared distances from a point to four triangles (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5).
-pub(in super::super) fn to_triangles(at: [f32; 3], &[a, b, c]: &Four) -> Vec4 {
-    let at = at.map(Vec4::splat);
+#[inline]
+pub(in super::super) fn to_triangles(at: [f32; 3], four: &Four) -> Vec4 {
+    from_points(at.map(Vec4::splat), four)
+}
+
+/// The same from four points, each to one of the triangles.
+#[inline(always)]
+fn from_points(at: [Vec4; 3], &[a, b, c]: &Four) -> Vec4 {
     let (ab, ac, ap) = (sub4(b, a), sub4(c, a), sub4(at, a));
     let (bc, bp) = (sub4(c, b), sub4(at, b));
     let normal = cross4(ab, ac);

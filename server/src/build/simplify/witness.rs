@@ -14,6 +14,7 @@
 use super::super::borders::OPEN;
 use super::super::cluster::Witness;
 use super::super::triangle_tree::TriangleTree;
+use super::budget::{Answered, Source};
 use super::collapse::Collapser;
 use super::group::GroupMesh;
 use super::nearest::{Patch, middle, to_segment};
@@ -59,6 +60,8 @@ pub(super) struct Court {
     reach: Vec<f32>,
     /// Where each place went.
     went: Vec<u16>,
+    /// Places that went and witnesses, each with its squared distance to a triangle of `left`.
+    answered: Vec<(Answered, f32)>,
     /// What is left, and the group as it was.
     left: Patch,
     old: Patch,
@@ -109,12 +112,19 @@ impl Court {
         );
         self.farthest.clear();
         self.farthest.resize(state.live, (-1.0, [0; 3]));
-        let mut worst = 0.0f32;
+        let is_limited = state.budget.is_limited();
+        let mut worst = match is_limited {
+            true => self.hear_answered(state, mesh),
+            false => 0.0,
+        };
         let mut lost: Vec<[i32; 3]> = Vec::new();
         for place in loosest_first(state, &self.went) {
             let went_to = self.went[place];
             let stayed = went_to as usize == place;
             let at = origins[place];
+            if is_limited && !stayed && self.left.holds(went_to) {
+                continue;
+            }
             if stayed && self.left.holds(went_to) {
                 // It is no farther from the surface than it has moved.
                 let step = sub(mesh.positions[place], at);
@@ -135,26 +145,8 @@ impl Court {
                 None => lost.push(mesh.on_grid(at)),
             }
         }
-        for witness in &mesh.witnesses {
-            let at = mesh.local(witness.position);
-            let places = mesh.places(mesh.triangles[witness.triangle as usize]);
-            let near = places.into_iter().min_by(|&a, &b| {
-                let away = |place: usize| {
-                    let side = sub(origins[place], at);
-                    dot(side, side)
-                };
-                away(a).total_cmp(&away(b))
-            });
-            let went_to = self.went[near.unwrap_or(0)];
-            match self.left.nearest(at, &[went_to], ENOUGH * worst, worst) {
-                Some((squared, triangle)) => {
-                    worst = worst.max(squared);
-                    if squared > HANDED_ON * HANDED_ON * worst {
-                        self.keep(triangle, squared, witness.position);
-                    }
-                }
-                None => lost.push(witness.position),
-            }
+        if !is_limited {
+            worst = self.hear_witnesses(mesh, origins, worst, &mut lost);
         }
         let mut vanished = 0.0;
         if !lost.is_empty() {
@@ -179,6 +171,100 @@ impl Court {
             }
         }
         testimony
+    }
+
+    /// Hears every place that went and every witness handed on, each from the triangle that was
+    /// nearest to it before places moved; gives the largest squared distance.
+    fn hear_answered<const L: usize>(&mut self, state: &Collapser<L>, mesh: &GroupMesh) -> f32 {
+        // Numbers of the live triangles in `left`.
+        let mut live = 0;
+        let numbers = state.alive.iter().map(|&alive| {
+            live += usize::from(alive);
+            live.wrapping_sub(1)
+        });
+        let numbers: Vec<usize> = numbers.collect();
+        self.answered.clear();
+        self.answered.extend(state.budget.answered().map(|mut own| {
+            own.triangle = numbers[own.triangle];
+            (own, 0.0)
+        }));
+        for four in self.answered.chunks_mut(4) {
+            let lanes = [0, 1, 2, 3].map(|lane| four[lane.min(four.len() - 1)].0);
+            let squared = self
+                .left
+                .to_own(lanes.map(|own| own.at), lanes.map(|own| own.triangle));
+            for ((_, own), squared) in four.iter_mut().zip(squared) {
+                *own = squared;
+            }
+        }
+        let answered = std::mem::take(&mut self.answered);
+        // The farthest first: it sets the scale.
+        let first = answered.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        let mut worst = 0.0f32;
+        for &(
+            Answered {
+                at,
+                triangle,
+                source,
+            },
+            squared,
+        ) in first.into_iter().chain(&answered)
+        {
+            let mut found = (squared, triangle);
+            if squared > worst {
+                let near = self.left.places(triangle);
+                found = self.left.nearest(at, &near, worst, worst).unwrap_or(found);
+            }
+            let (mut squared, triangle) = found;
+            let position = match source {
+                Source::Witness(number) => mesh.witnesses[number as usize].position,
+                Source::Place(place) => {
+                    if mesh.rules[place as usize] == OPEN {
+                        let went_to = self.went[place as usize];
+                        squared = squared.max(to_open_edge(state, mesh, at, went_to));
+                    }
+                    mesh.on_grid(at)
+                }
+            };
+            worst = worst.max(squared);
+            if squared > HANDED_ON * HANDED_ON * worst {
+                self.keep(triangle, squared, position);
+            }
+        }
+        self.answered = answered;
+        worst
+    }
+
+    /// Hears every witness handed on; gives the largest squared distance, `worst` at least.
+    fn hear_witnesses(
+        &mut self,
+        mesh: &GroupMesh,
+        origins: &[[f32; 3]],
+        mut worst: f32,
+        lost: &mut Vec<[i32; 3]>,
+    ) -> f32 {
+        for witness in &mesh.witnesses {
+            let at = mesh.local(witness.position);
+            let places = mesh.places(mesh.triangles[witness.triangle as usize]);
+            let near = places.into_iter().min_by(|&a, &b| {
+                let away = |place: usize| {
+                    let side = sub(origins[place], at);
+                    dot(side, side)
+                };
+                away(a).total_cmp(&away(b))
+            });
+            let went_to = self.went[near.unwrap_or(0)];
+            match self.left.nearest(at, &[went_to], ENOUGH * worst, worst) {
+                Some((squared, triangle)) => {
+                    worst = worst.max(squared);
+                    if squared > HANDED_ON * HANDED_ON * worst {
+                        self.keep(triangle, squared, witness.position);
+                    }
+                }
+                None => lost.push(witness.position),
+            }
+        }
+        worst
     }
 
     /// Marks places where the surface may be loose: their quadrics are near the error that matters,
@@ -303,15 +389,15 @@ impl Court {
                 // Once for the two triangles of an edge; one that may be open may have no other.
                 if place < next || mesh.rules[place] == OPEN && mesh.rules[next] == OPEN {
                     look_at(half, place);
-                }
-                let along = sub(to, from);
-                let folded = state.folded[place];
-                if folded || dot(along, along) > long * long {
-                    look_at(middle(from, half), place);
-                    look_at(middle(half, to), next);
+                    let along = sub(to, from);
+                    let is_folded = state.folded[place] || state.folded[next];
+                    if is_folded || dot(along, along) > long * long {
+                        look_at(middle(from, half), place);
+                        look_at(middle(half, to), next);
+                    }
                 }
                 // Where the surface lies on itself, what is new may reach beyond its outline anywhere.
-                if folded {
+                if state.folded[place] {
                     look_at(middle(from, middle_point), place);
                 }
             }
