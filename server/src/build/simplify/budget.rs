@@ -6,18 +6,19 @@
 //! for mesh decimation", 1998: a one-sided Hausdorff distance). A place that costs much waits for
 //! a later round, whose budget is larger, while all else goes on.
 
+mod points;
+
 use glam::{Vec3, Vec4};
 
 use super::collapse::{Collapser, Kept};
 use super::group::GroupMesh;
-use super::nearest::{Four, gather, middle, to_segment, to_triangles};
+use super::nearest::{Four, gather, middle, nearer, to_segment, to_triangles};
 use super::pairs::Pairs;
 use super::quadric::{cross, sub};
 use super::setup::is_fold;
+pub(super) use points::{Answered, Source};
+use points::{BETWEEN, NONE, Point, Points};
 
-const NONE: u32 = u32::MAX;
-/// The place of a point that is none.
-const BETWEEN: u16 = u16::MAX;
 /// The middle of an edge that goes is kept where its squared distance is more than this share of
 /// the squared budget.
 const KEPT: f32 = 0.1;
@@ -27,51 +28,38 @@ const NEAR: f32 = 0.25;
 
 /// A collapse is not tried whose mean squared distance to the planes round it is more than this
 /// many squared budgets: of 10,000 such ones, about one would stay within.
-const DEAR: f32 = 4.0;
+const DEAR: f32 = 3.0;
 /// The same on a line, whose own planes add to the distance and not to the weight.
-const DEAR_ON_LINE: f32 = 20.0;
+const DEAR_ON_LINE: f32 = 15.0;
 
 type Segment = [[f32; 3]; 2];
 
-/// A point of the source.
-#[derive(Debug, Clone, Copy)]
-struct Point {
-    at: [f32; 3],
-    /// Whether it lay on a line.
-    is_of_line: bool,
-    /// The place that it was, or [`BETWEEN`].
-    place: u16,
+/// The triangle nearest to a place that goes, and its squared distance.
+#[derive(Debug, Clone, Copy, Default)]
+struct Under {
+    squared: f32,
+    triangle: u16,
+    /// Places of its corners that were neighbours.
+    corners: [u16; 3],
 }
 
-/// A place or a witness that a triangle answers for.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Answered {
-    pub at: [f32; 3],
-    pub triangle: usize,
-    pub source: Source,
+impl Under {
+    /// Bound of the squared distance of the mean of the place and corners, `count` points in all,
+    /// where `other` is one of its corners: these move nowhere, so the mean moves by so much less.
+    fn shared(&self, other: u16, count: f32) -> Option<(f32, u16)> {
+        let bound = self.squared / (count * count);
+        self.corners
+            .contains(&other)
+            .then_some((bound, self.triangle))
+    }
 }
 
-/// Where a point comes from.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Source {
-    Place(u16),
-    /// Number of a witness of the group.
-    Witness(u32),
-}
-
-/// Points of the source by the triangle that answers for them.
+/// The distance allowed, and what a trial works with.
 #[derive(Debug, Default)]
 pub(super) struct Budget {
     /// Square of the distance allowed, units; infinite where every distance is.
     squared: f32,
-    /// First point of each triangle, and the next of each point.
-    head: Vec<u32>,
-    next: Vec<u32>,
-    /// The first ones are the group's witnesses.
-    points: Vec<Point>,
-    witnesses: u32,
-    /// The triangle that answers for each.
-    triangles: Vec<u16>,
+    pub points: Points,
     /// Triangles round the ends of the collapse on trial: their numbers, and their corners by four.
     around: Vec<u16>,
     corners: Vec<[Vec4; 3]>,
@@ -84,6 +72,8 @@ pub(super) struct Budget {
     lines: Vec<Segment>,
     /// The lines at both ends as they are.
     lines_before: Vec<Segment>,
+    /// The triangle nearest to the place on trial.
+    under: Under,
     /// Points that the trial looked at, and the triangle nearest to each.
     found: Vec<(u32, u16)>,
     /// Points that the collapse adds.
@@ -94,49 +84,10 @@ impl Budget {
     /// Takes up a group's witnesses. `distance` is in units.
     pub fn start(&mut self, mesh: &GroupMesh, distance: f32) {
         self.squared = distance * distance;
-        self.head.clear();
-        self.next.clear();
-        self.points.clear();
-        self.triangles.clear();
-        if !self.is_limited() {
-            return;
+        match self.is_limited() {
+            true => self.points.start(mesh),
+            false => self.points.clear(),
         }
-        self.head.resize(mesh.triangles.len(), NONE);
-        self.witnesses = mesh.witnesses.len() as u32;
-        for witness in &mesh.witnesses {
-            let at = mesh.local(witness.position);
-            self.add(at, false, BETWEEN, witness.triangle as u16);
-        }
-    }
-
-    /// Adds a point that a triangle answers for.
-    fn add(&mut self, at: [f32; 3], is_of_line: bool, place: u16, triangle: u16) {
-        self.points.push(Point {
-            at,
-            is_of_line,
-            place,
-        });
-        self.next.push(NONE);
-        self.triangles.push(triangle);
-        self.link(self.points.len() as u32 - 1, triangle);
-    }
-
-    /// Places that went and witnesses, each with the triangle that answers for it, which was the
-    /// nearest of those round it.
-    pub fn answered(&self) -> impl Iterator<Item = Answered> + '_ {
-        let all = (0..).zip(self.points.iter().zip(&self.triangles));
-        all.filter_map(|(number, (&Point { at, place, .. }, &triangle))| {
-            let source = match place {
-                BETWEEN if number >= self.witnesses => return None,
-                BETWEEN => Source::Witness(number),
-                place => Source::Place(place),
-            };
-            Some(Answered {
-                at,
-                triangle: triangle as usize,
-                source,
-            })
-        })
     }
 
     /// Whether some distance is too large.
@@ -149,13 +100,6 @@ impl Budget {
         self.is_limited() && sum > self.squared * weight
     }
 
-    fn link(&mut self, point: u32, triangle: u16) {
-        self.triangles[point as usize] = triangle;
-        let head = &mut self.head[triangle as usize];
-        self.next[point as usize] = *head;
-        *head = point;
-    }
-
     /// Squared distance of a point to the triangles on trial and the number of the nearest.
     fn nearest(&self, at: [f32; 3]) -> (f32, u16) {
         let mut best = (f32::INFINITY, 0);
@@ -163,11 +107,8 @@ impl Budget {
             if number == self.moving && best.0 <= NEAR * self.squared {
                 break;
             }
-            let squared = to_triangles(at, four).to_array();
-            for (lane, squared) in squared.into_iter().enumerate() {
-                if squared < best.0 {
-                    best = (squared, 4 * number + lane);
-                }
+            if let Some((squared, lane)) = nearer(to_triangles(at, four), best.0) {
+                best = (squared, 4 * number + lane);
             }
         }
         (best.0, self.around[best.1])
@@ -241,9 +182,16 @@ impl<const L: usize> Collapser<L> {
         if budget.fours.is_empty() {
             return false;
         }
-        let [from, _] = ends;
+        let [from, to] = ends;
         let (squared, triangle) = budget.nearest(mesh.positions[from as usize]);
         budget.found.push((NONE, triangle));
+        let moved = kept.iter().find(|own| own.triangle == triangle);
+        let [a, b] = moved.map_or([to; 2], |own| own.others);
+        budget.under = Under {
+            squared,
+            triangle,
+            corners: [to, a, b],
+        };
         squared <= budget.squared
             && (!self.on_line[from as usize] || self.lines_are_within(mesh, budget, ends, kept))
             && self.dying_are_within(mesh, budget, ends, kept)
@@ -316,8 +264,11 @@ impl<const L: usize> Collapser<L> {
             let left_alone = self.spread(third).all(goes).then_some(c);
             let middles = uncovered.then(|| [middle(a, b), middle(b, c), middle(c, a)]);
             let middles = middles.into_iter().flatten();
-            for at in left_alone.into_iter().chain(middles).chain([center]) {
-                let (squared, triangle) = budget.nearest(at);
+            let others = left_alone.into_iter().chain(middles);
+            let others = others.map(|at| (at, None));
+            let covered = budget.under.shared(third, 3.0);
+            for (at, known) in others.chain([(center, covered)]) {
+                let (squared, triangle) = known.unwrap_or_else(|| budget.nearest(at));
                 if squared > budget.squared {
                     return false;
                 }
@@ -333,17 +284,15 @@ impl<const L: usize> Collapser<L> {
     fn points_are_within(&self, budget: &mut Budget, from: u16) -> bool {
         let on_line = self.on_line[from as usize];
         for (triangle, _) in self.star(from) {
-            let mut point = budget.head[triangle];
-            while point != NONE {
-                let Point { at, is_of_line, .. } = budget.points[point as usize];
+            for (number, point) in budget.points.of(triangle) {
+                let Point { at, is_of_line, .. } = *point;
                 let (squared, triangle) = budget.nearest(at);
                 if squared > budget.squared
                     || (on_line && is_of_line && !budget.is_near(&budget.lines, at))
                 {
                     return false;
                 }
-                budget.found.push((point, triangle));
-                point = budget.next[point as usize];
+                budget.found.push((number, triangle));
             }
         }
         true
@@ -433,22 +382,23 @@ impl<const L: usize> Collapser<L> {
         }
         let mut budget = std::mem::take(&mut self.budget);
         for (triangle, _) in self.star(from) {
-            budget.head[triangle] = NONE;
+            budget.points.release(triangle);
         }
         let found = std::mem::take(&mut budget.found);
         for &(point, triangle) in &found {
             match point {
                 NONE => {
                     let on_line = self.on_line[from as usize];
-                    budget.add(mesh.positions[from as usize], on_line, from, triangle);
+                    let at = mesh.positions[from as usize];
+                    budget.points.add(at, on_line, from, triangle);
                 }
-                known => budget.link(known, triangle),
+                known => budget.points.link(known, triangle),
             }
         }
         budget.found = found;
         let fresh = std::mem::take(&mut budget.fresh);
         for &(at, triangle) in &fresh {
-            budget.add(at, false, BETWEEN, triangle);
+            budget.points.add(at, false, BETWEEN, triangle);
         }
         budget.fresh = fresh;
         self.budget = budget;
@@ -473,7 +423,8 @@ fn edges_are_within(
             mesh.positions[from as usize],
             mesh.positions[other as usize],
         );
-        let (squared, triangle) = budget.nearest(at);
+        let known = budget.under.shared(other, 2.0);
+        let (squared, triangle) = known.unwrap_or_else(|| budget.nearest(at));
         if squared > budget.squared {
             return false;
         }

@@ -20,8 +20,6 @@ const FLIP_COSINE_SQUARED: f32 = 0.0625;
 const RELEASED: f32 = 8.0;
 
 pub(super) const NONE: u16 = u16::MAX;
-/// A candidate that has not been refused.
-pub(super) const UNTRIED: u32 = u32::MAX;
 
 /// How freely places may collapse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,23 +53,6 @@ pub(super) struct Candidate {
     pub(super) freedom: Freedom,
     /// It was refused, but not if it were free.
     pub(super) strayed: bool,
-    /// Number of collapses before it was refused first, or [`UNTRIED`].
-    pub(super) refused: u32,
-}
-
-impl Candidate {
-    /// An edge that may not collapse as things lie at the start.
-    pub(super) fn refused(ends: [u16; 2]) -> Self {
-        Self {
-            ends,
-            age: 0,
-            backwards: false,
-            last_chance: false,
-            freedom: Freedom::Kept,
-            strayed: false,
-            refused: 0,
-        }
-    }
 }
 
 /// Why a collapse does not happen.
@@ -108,9 +89,6 @@ pub(super) struct Collapser<const L: usize> {
     pub(super) thirds: Vec<[u16; 2]>,
     pub(super) age: Vec<u32>,
     pub(super) quadrics: Vec<Quadric>,
-    /// Collapses so far, and their number when the triangles round each place changed last.
-    pub(super) collapses: u32,
-    pub(super) changed: Vec<u32>,
     /// Sum of the normals round each place, times the areas.
     pub(super) normals: Vec<[f32; 3]>,
     /// Whether the surface lies on itself round a place, or round one that has gone there.
@@ -161,8 +139,6 @@ impl<const L: usize> Default for Collapser<L> {
             thirds: Vec::new(),
             age: Vec::new(),
             quadrics: Vec::new(),
-            collapses: 0,
-            changed: Vec::new(),
             normals: Vec::new(),
             folded: Vec::new(),
             creased: Vec::new(),
@@ -191,10 +167,7 @@ impl<const L: usize> Default for Collapser<L> {
 impl<const L: usize> Collapser<L> {
     /// Collapses until at most `target` triangles are left or nothing more is allowed.
     pub fn run(&mut self, mesh: &GroupMesh, target: usize, first: bool) {
-        match first {
-            true => self.enqueue(mesh),
-            false => self.enqueue_again(mesh),
-        }
+        self.enqueue(mesh, first);
         while self.live > target {
             let Some((number, bucket)) = self.queue.pop() else {
                 return;
@@ -207,7 +180,6 @@ impl<const L: usize> Collapser<L> {
             let age = self.age[ends[0] as usize] + self.age[ends[1] as usize];
             if candidate.age != age || candidate.ends != ends {
                 let Some((cost, renewed)) = self.candidate(mesh, ends, candidate.freedom) else {
-                    self.candidates[number as usize].refused = self.collapses;
                     continue;
                 };
                 candidate = renewed;
@@ -222,8 +194,6 @@ impl<const L: usize> Collapser<L> {
                 continue;
             };
             candidate.strayed |= refusal == Refusal::Kept;
-            candidate.refused = candidate.refused.min(self.collapses);
-            self.candidates[number as usize].refused = candidate.refused;
             if !candidate.last_chance
                 && let Some(cost) = self.cost(mesh, to, from, candidate.freedom)
             {
@@ -235,8 +205,7 @@ impl<const L: usize> Collapser<L> {
                 && candidate.freedom == Freedom::Kept
                 && let Some((cost, freer)) = self.candidate(mesh, ends, Freedom::Released)
             {
-                let refused = candidate.refused;
-                self.candidates[number as usize] = Candidate { refused, ..freer };
+                self.candidates[number as usize] = freer;
                 self.queue.push(number, cost);
             }
         }
@@ -268,7 +237,6 @@ impl<const L: usize> Collapser<L> {
             last_chance: false,
             freedom,
             strayed: false,
-            refused: UNTRIED,
         };
         Some((cost * freedom.factor(), candidate))
     }
@@ -285,7 +253,7 @@ impl<const L: usize> Collapser<L> {
 
     /// Whether another candidate stands for the edge that this one has become: one end's collapse made the edges to the
     /// third corners of the triangles that went one.
-    pub(super) fn is_double(&self, before: [u16; 2], ends: [u16; 2]) -> bool {
+    fn is_double(&self, before: [u16; 2], ends: [u16; 2]) -> bool {
         (0..2).any(|side| {
             let mut place = before[side];
             while place != ends[side] {
@@ -363,8 +331,6 @@ impl<const L: usize> Collapser<L> {
     }
 
     fn apply(&mut self, mesh: &GroupMesh, from: u16, to: u16, pairs: &[[u16; 2]], kept: &[Kept]) {
-        self.collapses += 1;
-        self.changed[to as usize] = self.collapses;
         let mut corner = self.head[from as usize];
         while corner != NONE {
             let triangle = corner as usize / 3;
@@ -375,7 +341,6 @@ impl<const L: usize> Collapser<L> {
                 self.live -= 1;
                 for vertex in vertices {
                     self.uses[vertex as usize] -= 1;
-                    self.changed[self.place_of[vertex as usize] as usize] = self.collapses;
                 }
             }
         }
@@ -388,9 +353,6 @@ impl<const L: usize> Collapser<L> {
                 self.corners[triangle][k] = pair[1];
                 self.uses[vertex as usize] -= 1;
                 self.uses[pair[1] as usize] += 1;
-            }
-            for place in own.others {
-                self.changed[place as usize] = self.collapses;
             }
             let corner = own.triangle * 3 + own.corner as u16;
             self.next[end as usize] = corner;

@@ -34,7 +34,13 @@ impl<const L: usize> Collapser<L> {
         let mut both = here.c + there.c;
         let mut lanes = [here.lanes(offset), there.lanes(back)];
         let far = lanes.map(|lanes| sum(lanes) + both);
-        let mut may = [true; 2];
+        let mut may = [0, 1].map(|way| {
+            let [from, to] = turned(ends, way == 1);
+            may_move(mesh, from, to) && !self.is_dear(far[way], from, to)
+        });
+        if may == [false; 2] {
+            return None;
+        }
         if L > 0 {
             let change = self.change(vertices[0], vertices[1]);
             let [here, there] = vertices.map(|vertex| &self.attribute_quadrics[vertex as usize]);
@@ -44,20 +50,17 @@ impl<const L: usize> Collapser<L> {
             ];
             let constant = here.base.c + there.base.c;
             let weight = here.base.weight + there.base.weight;
-            may = own.map(|own| !self.budget.is_exceeded(sum(own) + constant, weight));
             both += constant;
-            (0..2).for_each(|way| lanes[way] += own[way]);
+            for way in 0..2 {
+                may[way] &= !self.budget.is_exceeded(sum(own[way]) + constant, weight);
+                lanes[way] += own[way];
+            }
         }
         let costs = [
             sum(lanes[0]) + both + length * here.weight,
             sum(lanes[1]) + both + length * there.weight,
         ];
-        let cost = |way: usize| {
-            let [from, to] = turned(ends, way == 1);
-            let may = may[way] && may_move(mesh, from, to) && !self.is_dear(far[way], from, to);
-            if may { costs[way] } else { f32::INFINITY }
-        };
-        let costs = [cost(0), cost(1)];
+        let costs = [0, 1].map(|way| if may[way] { costs[way] } else { f32::INFINITY });
         let back = costs[1] < costs[0];
         let cost = costs[0].min(costs[1]);
         (cost < f32::INFINITY).then_some((cost, back))

@@ -268,7 +268,12 @@ fn collapse<const L: usize>(
     let units = 1.0 / (mesh.unit as f64 * job.grids.step_metres());
     state.budget.start(mesh, (job.budget_metres * units) as f32);
     let mut left = before;
-    for sweep in 0..MOST_SWEEPS {
+    // Within a budget another sweep finds next to nothing: its place is the next round.
+    let sweeps = match state.budget.is_limited() {
+        true => 1,
+        false => MOST_SWEEPS,
+    };
+    for sweep in 0..sweeps {
         state.run(mesh, target, sweep == 0);
         // What was refused may be allowed now that its neighbours have moved.
         if state.live <= target || state.live as f64 > WORTH_A_SWEEP * left as f64 {

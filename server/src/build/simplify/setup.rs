@@ -2,7 +2,7 @@
 
 use super::super::borders::{FREE, LOCKED, OPEN};
 use super::super::vertex::Grids;
-use super::collapse::{Candidate, Collapser, Freedom, NONE, UNTRIED};
+use super::collapse::{Collapser, Freedom, NONE};
 use super::group::{GroupMesh, Weights};
 use super::pairs::seam;
 use super::quadric::{AttributeQuadric, Quadric, cross, dot, sub};
@@ -53,7 +53,6 @@ impl<const L: usize> Collapser<L> {
         refill(&mut self.thirds, std::iter::repeat_n([NONE; 2], places));
         refill(&mut self.torn, std::iter::repeat_n(false, places));
         refill(&mut self.age, std::iter::repeat_n(0, places));
-        refill(&mut self.changed, std::iter::repeat_n(0, places));
         refill(&mut self.stamp, std::iter::repeat_n(0, places));
         refill(
             &mut self.quadrics,
@@ -74,7 +73,7 @@ impl<const L: usize> Collapser<L> {
             &mut self.attributes,
             (0..attributes).map(|vertex| mesh.attributes(grids, weights, uv_base, vertex)),
         );
-        (self.now, self.open_moved, self.collapses) = (0, false, 0);
+        (self.now, self.open_moved) = (0, false);
         self.rings(mesh);
         for corner in (0..3 * triangles).rev() {
             let vertex = mesh.triangles[corner / 3][corner % 3] as usize;
@@ -160,12 +159,17 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
-    /// Queues every edge at what it costs; open edges, folds and seams also get their planes.
-    pub(super) fn enqueue(&mut self, mesh: &GroupMesh) {
-        self.add_planes(mesh);
+    /// Queues every live edge at what it costs now; the first time, open edges, folds and seams also get their planes.
+    pub(super) fn enqueue(&mut self, mesh: &GroupMesh, first: bool) {
+        if first {
+            self.add_planes(mesh);
+        }
         self.candidates.clear();
         self.costs.clear();
-        for vertices in &self.corners {
+        for (triangle, vertices) in self.corners.iter().enumerate() {
+            if !self.alive[triangle] {
+                continue;
+            }
             let places = vertices.map(|vertex| self.place_of[vertex as usize]);
             for side in 0..3 {
                 let (a, b) = (places[side], places[(side + 1) % 3]);
@@ -174,40 +178,15 @@ impl<const L: usize> Collapser<L> {
                 if a > b && fixed != [true; 2] {
                     continue;
                 }
-                let own = self.candidate(mesh, [a, b], Freedom::Kept);
-                let (cost, candidate) = own.unwrap_or((f32::INFINITY, Candidate::refused([a, b])));
-                self.costs.push(cost);
-                self.candidates.push(candidate);
+                if let Some((cost, candidate)) = self.candidate(mesh, [a, b], Freedom::Kept) {
+                    self.costs.push(cost);
+                    self.candidates.push(candidate);
+                }
             }
         }
         self.queue.clear(self.candidates.len());
         for (number, &cost) in (0..).zip(&self.costs) {
-            if cost < f32::INFINITY {
-                self.queue.push(number, cost);
-            }
-        }
-    }
-
-    /// Queues the edges again at one end of which something has changed since they were refused.
-    pub(super) fn enqueue_again(&mut self, mesh: &GroupMesh) {
-        self.queue.clear(self.candidates.len());
-        for number in 0..self.candidates.len() {
-            let candidate = self.candidates[number];
-            let ends = candidate.ends.map(|end| self.find(end));
-            let changed = |&end: &u16| self.changed[end as usize] > candidate.refused;
-            if ends[0] == ends[1]
-                || candidate.refused != UNTRIED && !ends.iter().any(changed)
-                || self.is_double(candidate.ends, ends)
-            {
-                continue;
-            }
-            match self.candidate(mesh, ends, Freedom::Kept) {
-                Some((cost, renewed)) => {
-                    self.candidates[number] = renewed;
-                    self.queue.push(number as u32, cost);
-                }
-                None => self.candidates[number].refused = self.collapses,
-            }
+            self.queue.push(number, cost);
         }
     }
 
@@ -256,6 +235,10 @@ impl<const L: usize> Collapser<L> {
                 let vertices = self.corners[triangle];
                 for (side, along) in [((k + 1) % 3, true), ((k + 2) % 3, false)] {
                     let neighbour = self.place(vertices[side]);
+                    // It has had its turn.
+                    if neighbour < place && looked_at(self, neighbour) {
+                        continue;
+                    }
                     let slot = &mut slots[neighbour as usize];
                     if self.stamp[neighbour as usize] != self.now {
                         self.stamp[neighbour as usize] = self.now;
@@ -280,9 +263,7 @@ impl<const L: usize> Collapser<L> {
                 corner = self.next[corner as usize];
             }
             for edge in &around {
-                if edge.neighbour > place || !looked_at(self, edge.neighbour) {
-                    self.add_edge_planes(mesh, place, edge);
-                }
+                self.add_edge_planes(mesh, place, edge);
             }
         }
         self.around = around;

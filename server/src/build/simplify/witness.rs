@@ -11,10 +11,12 @@
 //! lies between them (`lodestream-loadtests build`
 //! measures what is left).
 
+mod answers;
+
 use super::super::borders::OPEN;
 use super::super::cluster::Witness;
 use super::super::triangle_tree::TriangleTree;
-use super::budget::{Answered, Source};
+use super::budget::Answered;
 use super::collapse::Collapser;
 use super::group::GroupMesh;
 use super::nearest::{Patch, middle, to_segment};
@@ -173,68 +175,6 @@ impl Court {
         testimony
     }
 
-    /// Hears every place that went and every witness handed on, each from the triangle that was
-    /// nearest to it before places moved; gives the largest squared distance.
-    fn hear_answered<const L: usize>(&mut self, state: &Collapser<L>, mesh: &GroupMesh) -> f32 {
-        // Numbers of the live triangles in `left`.
-        let mut live = 0;
-        let numbers = state.alive.iter().map(|&alive| {
-            live += usize::from(alive);
-            live.wrapping_sub(1)
-        });
-        let numbers: Vec<usize> = numbers.collect();
-        self.answered.clear();
-        self.answered.extend(state.budget.answered().map(|mut own| {
-            own.triangle = numbers[own.triangle];
-            (own, 0.0)
-        }));
-        for four in self.answered.chunks_mut(4) {
-            let lanes = [0, 1, 2, 3].map(|lane| four[lane.min(four.len() - 1)].0);
-            let squared = self
-                .left
-                .to_own(lanes.map(|own| own.at), lanes.map(|own| own.triangle));
-            for ((_, own), squared) in four.iter_mut().zip(squared) {
-                *own = squared;
-            }
-        }
-        let answered = std::mem::take(&mut self.answered);
-        // The farthest first: it sets the scale.
-        let first = answered.iter().max_by(|a, b| a.1.total_cmp(&b.1));
-        let mut worst = 0.0f32;
-        for &(
-            Answered {
-                at,
-                triangle,
-                source,
-            },
-            squared,
-        ) in first.into_iter().chain(&answered)
-        {
-            let mut found = (squared, triangle);
-            if squared > worst {
-                let near = self.left.places(triangle);
-                found = self.left.nearest(at, &near, worst, worst).unwrap_or(found);
-            }
-            let (mut squared, triangle) = found;
-            let position = match source {
-                Source::Witness(number) => mesh.witnesses[number as usize].position,
-                Source::Place(place) => {
-                    if mesh.rules[place as usize] == OPEN {
-                        let went_to = self.went[place as usize];
-                        squared = squared.max(to_open_edge(state, mesh, at, went_to));
-                    }
-                    mesh.on_grid(at)
-                }
-            };
-            worst = worst.max(squared);
-            if squared > HANDED_ON * HANDED_ON * worst {
-                self.keep(triangle, squared, position);
-            }
-        }
-        self.answered = answered;
-        worst
-    }
-
     /// Hears every witness handed on; gives the largest squared distance, `worst` at least.
     fn hear_witnesses(
         &mut self,
@@ -382,7 +322,9 @@ impl Court {
             for side in 0..3 {
                 let (place, next) = (places[side], places[(side + 1) % 3]);
                 let (from, to) = (corners[side], corners[(side + 1) % 3]);
-                if !std::mem::replace(&mut looked_at[place], true) {
+                // It is no farther off than it has moved.
+                let step = sub(from, origins[place]);
+                if !std::mem::replace(&mut looked_at[place], true) && dot(step, step) > least {
                     look_at(from, place);
                 }
                 let half = middle(from, to);
