@@ -27,7 +27,7 @@ const KEPT: f32 = 0.1;
 const NEAR: f32 = 0.25;
 
 /// A collapse is not tried whose mean squared distance to the planes round it is more than this
-/// many squared budgets: of 10,000 such ones, about one would stay within.
+/// many squared budgets: of 10,000 such ones, about three would stay within.
 const DEAR: f32 = 3.0;
 /// The same on a line, whose own planes add to the distance and not to the weight.
 const DEAR_ON_LINE: f32 = 15.0;

@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use foldhash::fast::RandomState;
+
 use super::group::GroupMesh;
 use super::nearest::{middle, to_segment};
 use super::quadric::{cross, dot, sub};
@@ -55,12 +57,16 @@ pub(super) fn lost(mesh: &GroupMesh, origins: &[[f32; 3]], after: &[[u16; 3]]) -
 
 /// Edges with different materials on their sides.
 fn borders(mesh: &GroupMesh, triangles: &[[u16; 3]], positions: &[[f32; 3]]) -> Vec<Segment> {
-    let mut sides: HashMap<(usize, usize), (u16, bool)> = HashMap::new();
+    let several = places_of_several(mesh);
+    let mut sides: HashMap<(usize, usize), (u16, bool), RandomState> = HashMap::default();
     for &triangle in triangles {
         let slot = mesh.welder.vertices[triangle[0] as usize].1;
         let places = mesh.places(triangle);
         for side in 0..3 {
             let (a, b) = (places[side], places[(side + 1) % 3]);
+            if !several[a] || !several[b] {
+                continue;
+            }
             sides
                 .entry((a.min(b), a.max(b)))
                 .and_modify(|known| known.1 = known.0 != slot)
@@ -77,6 +83,16 @@ fn borders(mesh: &GroupMesh, triangles: &[[u16; 3]], positions: &[[f32; 3]]) -> 
         .into_iter()
         .map(|(a, b)| [positions[a], positions[b]]);
     segments.collect()
+}
+
+/// Whether each place has vertices of several materials, as both ends of a border have.
+fn places_of_several(mesh: &GroupMesh) -> Vec<bool> {
+    let mut first = vec![None; mesh.positions.len()];
+    let mut several = vec![false; mesh.positions.len()];
+    for (&(_, slot), &place) in mesh.welder.vertices.iter().zip(&mesh.welder.place_of) {
+        several[place as usize] |= *first[place as usize].get_or_insert(slot) != slot;
+    }
+    several
 }
 
 fn farthest(from: &[Segment], to: &[Segment], size: f32) -> f32 {
@@ -98,4 +114,43 @@ fn farthest(from: &[Segment], to: &[Segment], size: f32) -> f32 {
         }
     }
     worst.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::vertex::Vertex;
+    use super::*;
+
+    #[test]
+    fn a_border_is_an_edge_with_two_materials_and_no_other() {
+        let mut mesh = GroupMesh::default();
+        mesh.welder.clear(8);
+        // A strip of three squares of two triangles, the last one of another material.
+        let mut number = |x: i32, y: i32, slot: u16| {
+            let vertex = Vertex {
+                position: [8 * x, 8 * y, 0],
+                ..Vertex::default()
+            };
+            mesh.welder.number(&vertex, slot) as u16
+        };
+        for (x, slot) in [(0, 0), (1, 0), (2, 1)] {
+            let corners = [(x, 0), (x + 1, 0), (x + 1, 1), (x, 1)];
+            let [a, b, c, d] = corners.map(|(x, y)| number(x, y, slot));
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+        mesh.place_positions();
+        let found = borders(&mesh, &mesh.triangles, &mesh.positions);
+        let place = |at: [i32; 3]| {
+            let vertices = mesh.welder.vertices.iter();
+            let number = vertices.zip(&mesh.welder.place_of);
+            let own = number.filter(|((vertex, _), _)| vertex.position == at);
+            own.map(|(_, &place)| place as usize).next()
+        };
+        let ends = [[16, 0, 0], [16, 8, 0]].map(|at| place(at).expect("a corner"));
+        assert_eq!(found, [ends.map(|place| mesh.positions[place])]);
+        assert_eq!(
+            borders(&mesh, &mesh.triangles[..4], &mesh.positions),
+            [[[0.0; 3]; 2]; 0]
+        );
+    }
 }
