@@ -97,8 +97,8 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
-    /// What it costs at least to move `from` onto `to`: the attributes come on top. Infinite where
-    /// that is not allowed whatever lies round it, or too dear.
+    /// Least cost of moving `from` onto `to`: attributes come on top. Infinite where that is not
+    /// allowed whatever lies round it, or too dear.
     #[inline]
     fn distance_cost(&self, mesh: &GroupMesh, from: u16, to: u16) -> f32 {
         let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
@@ -110,8 +110,8 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
-    /// What it costs to move all of `from` onto `to`; `None` where that is not allowed whatever lies
-    /// round it, or too dear.
+    /// Cost of moving all of `from` onto `to`; `None` where that is not allowed whatever lies round
+    /// it, or too dear.
     pub(super) fn cost(
         &self,
         mesh: &GroupMesh,

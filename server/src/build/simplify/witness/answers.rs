@@ -1,8 +1,8 @@
 //! Answers: how far places and witnesses lie from the triangles that answer for them.
 //!
-//! The trials of the budget know the triangle nearest to each. Since then places have moved, by less
-//! than triangles are large, so it is the nearest still, or nearly: its distance is a bound that is
-//! seldom loose. Only a point that would set the scale is held against what lies round it.
+//! The trials of the budget know the triangle nearest to each. Since then places have moved, by
+//! less than triangles are large, so it is the nearest still, or nearly: its distance is a bound
+//! that is seldom loose. Only a point that would set the scale is held against what lies round it.
 
 use super::super::super::borders::OPEN;
 use super::super::budget::Source;
