@@ -432,7 +432,7 @@ fn the_builder_version_goes_with_the_bytes() {
         ),
         (
             10,
-            "d5838cae75870918b0c36ac6dbfd21116533f084a6aba98409d07e3e54e17196"
+            "524505f912fa11ddd7c074d6e9a7bcf87737b86632732f85fac1b57f2276e9c8"
         ),
     );
 }

@@ -90,6 +90,8 @@ struct Run<'a> {
     /// First corner at each vertex and the next of each, ascending; corner = 3 triangle + turn.
     first: [u16; 256],
     next: Vec<u16>,
+    /// The vertex after each corner's.
+    after: Vec<u8>,
 }
 
 impl<'a> Run<'a> {
@@ -99,11 +101,13 @@ impl<'a> Run<'a> {
         for (corner, &vertex) in triangles.as_flattened().iter().enumerate().rev() {
             next[corner] = std::mem::replace(&mut first[vertex as usize], corner as u16);
         }
+        let after = triangles.iter().flat_map(|&[a, b, c]| [b, c, a]).collect();
         Self {
             triangles,
             left: [true; 256],
             first,
             next,
+            after,
         }
     }
 
@@ -113,11 +117,11 @@ impl<'a> Run<'a> {
         let [from, to] = [from, to].map(|vertex| order[vertex as usize]);
         let mut corner = self.first[from as usize];
         while corner != NONE {
-            let (index, turn) = (corner as usize / 3, corner as usize % 3);
-            if self.left[index] && self.triangles[index][(turn + 1) % 3] == to {
-                return Some((index, turn));
+            let own = corner as usize;
+            if self.after[own] == to && self.left[own / 3] {
+                return Some((own / 3, own % 3));
             }
-            corner = self.next[corner as usize];
+            corner = self.next[own];
         }
         None
     }

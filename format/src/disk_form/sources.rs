@@ -5,8 +5,6 @@
 //! Rounds say in which order clusters can be unpacked: what is repeated lies in a cluster of an earlier one, so that all clusters of
 //! a round can be unpacked at once. Neighbours get different rounds, the first that is free; a few do for any page.
 
-use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
-
 use crate::cluster::Cluster;
 
 /// Rounds of a page at most; four bits of a cluster's counts.
@@ -93,17 +91,34 @@ fn key(cluster: &Cluster, vertex: usize) -> Key {
     )
 }
 
+/// A number that keys which differ seldom have in common: where they do, vertices are stored twice.
+fn hash(&([x, y, z], normal, [u, v], color): &Key) -> u64 {
+    // The golden ratio of 2^64 (Knuth, "The Art of Computer Programming", volume 3, 6.4).
+    const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
+    let pair = |low: u32, high: u32| low as u64 | (high as u64) << 32;
+    let normal = normal[0] as u32 | (normal[1] as u32) << 16;
+    let words = [
+        pair(x as u32, y as u32),
+        pair(z as u32, normal),
+        pair(u as u32, v as u32),
+        u32::from_le_bytes(color) as u64,
+    ];
+    words.iter().fold(FACTOR, |hash, word| {
+        let mixed = (hash ^ word).wrapping_mul(FACTOR);
+        mixed ^ mixed >> 32
+    })
+}
+
 /// A vertex by the hash of its fields, and whose it is.
 type Entry = (u64, u32, u8);
 
 /// Vertices of `clusters`, those with equal fields beside each other.
 fn sorted<'a>(clusters: impl IntoIterator<Item = &'a Cluster>) -> Vec<Entry> {
-    let hasher = BuildHasherDefault::<DefaultHasher>::default();
     let mut entries = Vec::new();
     for (number, cluster) in (0..).zip(clusters) {
         let vertices = 0..cluster.positions.len();
         entries.extend(vertices.map(|vertex| {
-            let hash = hasher.hash_one(key(cluster, vertex));
+            let hash = hash(&key(cluster, vertex));
             (hash, number, vertex as u8)
         }));
     }
@@ -165,11 +180,10 @@ impl Sources {
 
 /// Takes what a cluster's parents have from them, each vertex from the parent of the one before where it can.
 fn inherit(cluster: &Cluster, sources: &mut [Source], parents: &[&Cluster], entries: &[Entry]) {
-    let hasher = BuildHasherDefault::<DefaultHasher>::default();
     let (mut last_parent, mut last_vertex) = (0, 0u8);
     for (vertex, source) in sources.iter_mut().enumerate() {
         let key = key(cluster, vertex);
-        let hash = hasher.hash_one(key);
+        let hash = hash(&key);
         let start = entries.partition_point(|entry| entry.0 < hash);
         let same = entries[start..].iter().take_while(|entry| entry.0 == hash);
         let same =

@@ -8,6 +8,7 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
+use foldhash::fast::RandomState;
 use lodestream_format::cluster::NO_GROUP;
 
 use super::dag::Dag;
@@ -63,7 +64,7 @@ pub(super) struct Back {
     /// Four for each of the boxes.
     nodes: Vec<Node>,
     families: Vec<Family>,
-    family_of: HashMap<u32, u32>,
+    family_of: HashMap<u32, u32, RandomState>,
     /// The first `read` hold clusters of this group.
     shapes: Vec<Shape>,
     read: usize,

@@ -10,6 +10,7 @@
 
 use std::collections::HashMap;
 
+use foldhash::fast::RandomState;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -116,7 +117,8 @@ struct Fans {
 
 impl Fans {
     fn gather(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Self {
-        let mut ids: HashMap<[u32; 3], u32> = HashMap::with_capacity(positions.len());
+        let mut ids: HashMap<[u32; 3], u32, RandomState> =
+            HashMap::with_capacity_and_hasher(positions.len(), RandomState::default());
         let id_of_vertex: Vec<u32> = positions
             .iter()
             .map(|position| {
@@ -183,7 +185,7 @@ impl Task {
         faces: &[[f32; 3]],
     ) -> Self {
         let mut task = Self::default();
-        let mut vertices: HashMap<(u32, [u32; 3]), u32> = HashMap::new();
+        let mut vertices: HashMap<(u32, [u32; 3]), u32, RandomState> = HashMap::default();
         for position in range {
             let spoke = |&corner: &u32| {
                 let (triangle, place) = (corner as usize / 3, corner as usize % 3);
@@ -196,6 +198,7 @@ impl Task {
             };
             let fan: Vec<Spoke> = fans.of(position).iter().map(spoke).collect();
             vertices.clear();
+            let mut last = None;
             for (spoke, normal) in fan.iter().zip(shade(&fan)) {
                 let new = || {
                     task.made.sources.push(spoke.vertex);
@@ -203,7 +206,11 @@ impl Task {
                     task.made.sources.len() as u32 - 1
                 };
                 let key = (spoke.vertex, normal.map(f32::to_bits));
-                let vertex = *vertices.entry(key).or_insert_with(new);
+                let vertex = match last {
+                    Some((same, vertex)) if same == key => vertex,
+                    _ => *vertices.entry(key).or_insert_with(new),
+                };
+                last = Some((key, vertex));
                 task.vertex_of_corner.push(vertex);
             }
         }
@@ -213,6 +220,10 @@ impl Task {
 
 /// A normal for every spoke. Spokes that average over the same faces get the same bits.
 fn shade(fan: &[Spoke]) -> Vec<[f32; 3]> {
+    if fan.len() <= EXACT_VALENCE && is_smooth(fan) {
+        let mean = unit(fan.iter().map(|spoke| spoke.weighted).sum());
+        return vec![mean; fan.len()];
+    }
     let mut normals = match fan.len() <= EXACT_VALENCE {
         true => fan
             .iter()
@@ -233,6 +244,13 @@ fn shade(fan: &[Spoke]) -> Vec<[f32; 3]> {
         }
     }
     normals
+}
+
+/// Whether all faces lie within the crease angle of each other.
+fn is_smooth(fan: &[Spoke]) -> bool {
+    let is_near = |a: &Spoke, b: &Spoke| a.face.dot(b.face) >= CREASE_COS;
+    let mut faces = fan.iter().enumerate();
+    faces.all(|(at, own)| fan[at..].iter().all(|other| is_near(own, other)))
 }
 
 fn mean_within_crease(face: DVec3, fan: &[Spoke]) -> [f32; 3] {

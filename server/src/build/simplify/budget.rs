@@ -6,17 +6,21 @@
 //! for mesh decimation", 1998: a one-sided Hausdorff distance). A place that costs much waits for
 //! a later round, whose budget is larger, while all else goes on.
 
+mod lines;
+mod points;
+
 use glam::{Vec3, Vec4};
 
 use super::collapse::{Collapser, Kept};
 use super::group::GroupMesh;
-use super::nearest::{Four, gather, middle, to_segment, to_triangles};
+use super::nearest::{Four, gather, middle, nearer, to_triangles};
 use super::pairs::Pairs;
-use super::quadric::{cross, sub};
+use super::quadric::sub;
 use super::samples::center;
-use super::setup::is_fold;
+use lines::{Kind, Line, PLAIN, Spoke};
+pub(super) use points::{Answered, Source};
+use points::{BETWEEN, NONE, Points};
 
-const NONE: u32 = u32::MAX;
 /// The middle of an edge that goes is kept where its squared distance is more than this share of
 /// the squared budget.
 const KEPT: f32 = 0.1;
@@ -24,51 +28,38 @@ const KEPT: f32 = 0.1;
 /// against those beside them.
 const NEAR: f32 = 0.25;
 
-/// A line: the outline of a material, by its slot, or one of these.
-type Kind = u16;
-/// Where the surface turns back.
-const FOLD: Kind = u16::MAX;
-/// No line at all.
-const PLAIN: Kind = u16::MAX - 1;
+/// A collapse is not tried whose mean squared distance to the planes round it is more than this
+/// many squared budgets: of 10,000 such ones, about three would stay within.
+const DEAR: f32 = 3.0;
+/// The same on a line, whose own planes add to the distance and not to the weight.
+const DEAR_ON_LINE: f32 = 15.0;
 
-/// An edge that lies on a line, and a triangle at it.
-#[derive(Debug, Clone, Copy)]
-struct Line {
-    ends: [[f32; 3]; 2],
+/// The triangle nearest to a place that goes, and its squared distance.
+#[derive(Debug, Clone, Copy, Default)]
+struct Under {
+    squared: f32,
     triangle: u16,
-    kind: Kind,
+    /// Places of its corners that were neighbours.
+    corners: [u16; 3],
 }
 
-impl Line {
-    fn squared(&self, at: [f32; 3]) -> f32 {
-        to_segment(at, self.ends[0], self.ends[1])
+impl Under {
+    /// Bound of the squared distance of the mean of the place and corners, `count` points in all,
+    /// where `other` is one of its corners: these move nowhere, so the mean moves by so much less.
+    fn shared(&self, other: u16, count: f32) -> Option<(f32, u16)> {
+        let bound = self.squared / (count * count);
+        self.corners
+            .contains(&other)
+            .then_some((bound, self.triangle))
     }
-
-    fn middle(&self) -> Point {
-        Point {
-            at: middle(self.ends[0], self.ends[1]),
-            kind: self.kind,
-        }
-    }
 }
 
-/// A point of the source.
-#[derive(Debug, Clone, Copy)]
-struct Point {
-    at: [f32; 3],
-    /// The line that it lies on.
-    kind: Kind,
-}
-
-/// Points of the source by the triangle that answers for them.
+/// The distance allowed, and what a trial works with.
 #[derive(Debug, Default)]
 pub(super) struct Budget {
     /// Square of the distance allowed, units; infinite where every distance is.
     squared: f32,
-    /// First point of each triangle, and the next of each point.
-    head: Vec<u32>,
-    next: Vec<u32>,
-    points: Vec<Point>,
+    pub points: Points,
     /// Triangles round the ends of the collapse on trial: their numbers, and their corners by four.
     around: Vec<u16>,
     corners: Vec<[Vec4; 3]>,
@@ -83,26 +74,21 @@ pub(super) struct Budget {
     lines: Vec<Line>,
     /// The lines at both ends as they are.
     lines_before: Vec<Line>,
+    /// The triangle nearest to the place on trial.
+    under: Under,
     /// Points that the trial looked at, and the triangle nearest to each.
     found: Vec<(u32, u16)>,
-    /// Points that the collapse adds, and the triangle of each.
-    fresh: Vec<(Point, u16)>,
+    /// Points that the collapse adds, each with its line and its triangle.
+    fresh: Vec<([f32; 3], Kind, u16)>,
 }
 
 impl Budget {
     /// Takes up a group's witnesses. `distance` is in units.
     pub fn start(&mut self, mesh: &GroupMesh, distance: f32) {
         self.squared = distance * distance;
-        self.head.clear();
-        self.next.clear();
-        self.points.clear();
-        if !self.is_limited() {
-            return;
-        }
-        self.head.resize(mesh.triangles.len(), NONE);
-        for witness in &mesh.witnesses {
-            let at = mesh.local(witness.position);
-            self.add(Point { at, kind: PLAIN }, witness.triangle as u16);
+        match self.is_limited() {
+            true => self.points.start(mesh),
+            false => self.points.clear(),
         }
     }
 
@@ -111,10 +97,9 @@ impl Budget {
         self.squared < f32::INFINITY
     }
 
-    fn link(&mut self, point: u32, triangle: u16) {
-        let head = &mut self.head[triangle as usize];
-        self.next[point as usize] = *head;
-        *head = point;
+    /// Whether a weighted sum of squared errors is more than the budget allows.
+    pub fn is_exceeded(&self, sum: f32, weight: f32) -> bool {
+        self.is_limited() && sum > self.squared * weight
     }
 
     /// Squared distance of a point to the triangles on trial and the number of the nearest.
@@ -124,30 +109,11 @@ impl Budget {
             if number == self.moving && best.0 <= NEAR * self.squared {
                 break;
             }
-            let squared = to_triangles(at, four).to_array();
-            for (lane, squared) in squared.into_iter().enumerate() {
-                if squared < best.0 {
-                    best = (squared, 4 * number + lane);
-                }
+            if let Some((squared, lane)) = nearer(to_triangles(at, four), best.0) {
+                best = (squared, 4 * number + lane);
             }
         }
         (best.0, self.around[best.1])
-    }
-
-    /// A triangle at the nearest line of a point's kind among some, if the point lies within the
-    /// budget of it.
-    fn at_line(&self, lines: &[Line], point: Point) -> Option<u16> {
-        let own = lines.iter().filter(|line| line.kind == point.kind);
-        let near = own.map(|line| (line.squared(point.at), line.triangle));
-        let near = near.filter(|&(squared, _)| squared <= self.squared);
-        let nearest = near.min_by(|a, b| a.0.total_cmp(&b.0));
-        nearest.map(|(_, triangle)| triangle)
-    }
-
-    fn add(&mut self, point: Point, triangle: u16) {
-        self.points.push(point);
-        self.next.push(NONE);
-        self.link(self.points.len() as u32 - 1, triangle);
     }
 
     /// Takes up the corners that were collected, by four.
@@ -180,10 +146,23 @@ impl<const L: usize> Collapser<L> {
             return true;
         }
         let mut budget = std::mem::take(&mut self.budget);
-        let within = self.distance_is_within(mesh, &mut budget, [from, to], kept)
-            && self.attributes_are_within(mesh, budget.squared, [from, to], pairs);
+        let within = self.attributes_are_within(mesh, budget.squared, [from, to], pairs)
+            && self.distance_is_within(mesh, &mut budget, [from, to], kept);
         self.budget = budget;
         within
+    }
+
+    /// Whether a collapse need not be tried: `far` is its weighted sum of squared distances to the
+    /// planes round it.
+    #[inline]
+    pub(super) fn is_dear(&self, far: f32, from: u16, to: u16) -> bool {
+        let weight = [from, to].map(|place| self.quadrics[place as usize].weight);
+        let share = match self.on_line[from as usize] {
+            true => DEAR_ON_LINE,
+            false => DEAR,
+        };
+        self.budget
+            .is_exceeded(far, share * (weight[0] + weight[1]))
     }
 
     fn distance_is_within(
@@ -199,9 +178,16 @@ impl<const L: usize> Collapser<L> {
         if budget.fours.is_empty() {
             return false;
         }
-        let [from, _] = ends;
+        let [from, to] = ends;
         let (squared, triangle) = budget.nearest(mesh.positions[from as usize]);
         budget.found.push((NONE, triangle));
+        let moved = kept.iter().find(|own| own.triangle == triangle);
+        let [a, b] = moved.map_or([to; 2], |own| own.others);
+        budget.under = Under {
+            squared,
+            triangle,
+            corners: [to, a, b],
+        };
         squared <= budget.squared
             && (!self.on_line[from as usize] || self.lines_are_within(mesh, budget, ends, kept))
             && self.dying_are_within(mesh, budget, ends, kept)
@@ -275,13 +261,16 @@ impl<const L: usize> Collapser<L> {
             let left_alone = self.spread(third).all(goes).then_some(c);
             let middles = uncovered.then(|| [middle(a, b), middle(b, c), middle(c, a)]);
             let middles = middles.into_iter().flatten();
-            for at in left_alone.into_iter().chain(middles).chain([center]) {
-                let (squared, triangle) = budget.nearest(at);
+            let others = left_alone.into_iter().chain(middles);
+            let others = others.map(|at| (at, None));
+            let covered = budget.under.shared(third, 3.0);
+            for (at, known) in others.chain([(center, covered)]) {
+                let (squared, triangle) = known.unwrap_or_else(|| budget.nearest(at));
                 if squared > budget.squared {
                     return false;
                 }
                 if uncovered || squared > KEPT * budget.squared {
-                    budget.fresh.push((Point { at, kind: PLAIN }, triangle));
+                    budget.fresh.push((at, PLAIN, triangle));
                 }
             }
         }
@@ -294,24 +283,21 @@ impl<const L: usize> Collapser<L> {
         let on_line = self.on_line[from as usize];
         for (own, others) in self.spread(from) {
             let goes = others.contains(&to);
-            let mut point = budget.head[own];
-            while point != NONE {
-                let known = budget.points[point as usize];
+            for (number, &known) in budget.points.of(own) {
                 let (squared, nearest) = budget.nearest(known.at);
                 if squared > budget.squared {
                     return false;
                 }
                 let triangle = match known.kind {
                     PLAIN => Some(nearest),
-                    _ if on_line => budget.at_line(&budget.lines, known),
+                    _ if on_line => budget.at_line(&budget.lines, known.at, known.kind),
                     _ if goes => Some(nearest),
                     _ => Some(own as u16),
                 };
                 let Some(triangle) = triangle else {
                     return false;
                 };
-                budget.found.push((point, triangle));
-                point = budget.next[point as usize];
+                budget.found.push((number, triangle));
             }
         }
         true
@@ -359,78 +345,6 @@ impl<const L: usize> Collapser<L> {
         self.spread(from).filter(shared).count()
     }
 
-    /// Whether the lines at a place, which are open edges, folds and edges between materials, stay
-    /// within the budget of those at `to` once the place has moved there.
-    fn lines_are_within(
-        &self,
-        mesh: &GroupMesh,
-        budget: &mut Budget,
-        [from, to]: [u16; 2],
-        kept: &[Kept],
-    ) -> bool {
-        let at = |place: u16| mesh.positions[place as usize];
-        let spokes = |end: u16, triangle: usize, others: [u16; 2]| {
-            let number = triangle as u16;
-            let vertex = self.corners[triangle][0] as usize;
-            let slot = mesh.welder.vertices[vertex].1;
-            let [a, b, c] = [end, others[0], others[1]].map(at);
-            let normal = cross(sub(b, a), sub(c, a));
-            [0, 1].map(|side| Spoke {
-                other: others[side],
-                triangle: number,
-                slot,
-                normal,
-                turn: 1 - 2 * side as i32,
-            })
-        };
-        let moved = kept.iter().map(|own| (own.triangle as usize, own.others));
-        let after = moved.chain(self.beside(to, from));
-        budget.spokes.clear();
-        for (triangle, others) in after {
-            budget.spokes.extend(spokes(to, triangle, others));
-        }
-        let line = |end: u16, spoke: &Spoke, kind: Kind| Line {
-            ends: [at(end), at(spoke.other)],
-            triangle: spoke.triangle,
-            kind,
-        };
-        let Budget {
-            spokes: own,
-            lines: found,
-            ..
-        } = budget;
-        found.clear();
-        lines(own, |spoke, kind| found.push(line(to, spoke, kind)));
-        budget.lines_before.clear();
-        let mut of_from = 0;
-        for end in [to, from] {
-            budget.spokes.clear();
-            for (triangle, others) in self.spread(end) {
-                budget.spokes.extend(spokes(end, triangle, others));
-            }
-            let Budget {
-                spokes: own,
-                lines_before: found,
-                ..
-            } = budget;
-            of_from = found.len();
-            lines(own, |spoke, kind| found.push(line(end, spoke, kind)));
-        }
-        let ends = budget.lines_before[of_from..].iter().map(|line| Point {
-            at: at(from),
-            kind: line.kind,
-        });
-        let middles = budget.lines_before.iter().map(Line::middle);
-        for point in ends.chain(middles) {
-            let Some(triangle) = budget.at_line(&budget.lines, point) else {
-                return false;
-            };
-            budget.fresh.push((point, triangle));
-        }
-        let mut after = budget.lines.iter().map(Line::middle);
-        after.all(|point| budget.at_line(&budget.lines_before, point).is_some())
-    }
-
     /// Whether the attributes' error is within the budget.
     fn attributes_are_within(
         &self,
@@ -458,22 +372,22 @@ impl<const L: usize> Collapser<L> {
         }
         let mut budget = std::mem::take(&mut self.budget);
         for (triangle, _) in self.star(from) {
-            budget.head[triangle] = NONE;
+            budget.points.release(triangle);
         }
         let found = std::mem::take(&mut budget.found);
         for &(point, triangle) in &found {
             match point {
                 NONE => {
                     let at = mesh.positions[from as usize];
-                    budget.add(Point { at, kind: PLAIN }, triangle);
+                    budget.points.add(at, PLAIN, from, triangle);
                 }
-                known => budget.link(known, triangle),
+                known => budget.points.link(known, triangle),
             }
         }
         budget.found = found;
         let fresh = std::mem::take(&mut budget.fresh);
-        for &(point, triangle) in &fresh {
-            budget.add(point, triangle);
+        for &(at, kind, triangle) in &fresh {
+            budget.points.add(at, kind, BETWEEN, triangle);
         }
         budget.fresh = fresh;
         self.budget = budget;
@@ -498,42 +412,16 @@ fn edges_are_within(
             mesh.positions[from as usize],
             mesh.positions[other as usize],
         );
-        let (squared, triangle) = budget.nearest(at);
+        let known = budget.under.shared(other, 2.0);
+        let (squared, triangle) = known.unwrap_or_else(|| budget.nearest(at));
         if squared > budget.squared {
             return false;
         }
         if squared > KEPT * budget.squared {
-            budget.fresh.push((Point { at, kind: PLAIN }, triangle));
+            budget.fresh.push((at, PLAIN, triangle));
         }
     }
     true
-}
-
-/// A triangle at the edge from a place to a neighbour.
-#[derive(Debug, Clone, Copy)]
-struct Spoke {
-    other: u16,
-    triangle: u16,
-    slot: u16,
-    normal: [f32; 3],
-    /// 1 where the triangle runs along the edge, -1 where it runs against it.
-    turn: i32,
-}
-
-/// The edges that lie on lines. A material ends where its triangles along and against an edge do
-/// not balance.
-fn lines(spokes: &mut [Spoke], mut each: impl FnMut(&Spoke, Kind)) {
-    spokes.sort_unstable_by_key(|spoke| (spoke.other, spoke.slot));
-    for edge in spokes.chunk_by(|a, b| a.other == b.other) {
-        if edge.len() == 2 && is_fold(edge[0].normal, edge[1].normal) {
-            each(&edge[0], FOLD);
-        }
-        for own in edge.chunk_by(|a, b| a.slot == b.slot) {
-            if own.iter().map(|spoke| spoke.turn).sum::<i32>() != 0 {
-                each(&own[0], own[0].slot);
-            }
-        }
-    }
 }
 
 #[cfg(test)]

@@ -221,6 +221,10 @@ impl<const L: usize> Collapser<L> {
         let (cost, backwards, freedom) = match (self.cheaper(mesh, ends, freedom), freedom) {
             (Some((cost, backwards)), _) => (cost, backwards, freedom),
             (None, Freedom::Released) => return None,
+            // One vertex at each end: nothing to release.
+            (None, Freedom::Kept) if ends.iter().all(|&end| self.only[end as usize] != NONE) => {
+                return None;
+            }
             (None, Freedom::Kept) => {
                 let (cost, backwards) = self.cheaper(mesh, ends, Freedom::Released)?;
                 (cost, backwards, Freedom::Released)

@@ -33,22 +33,34 @@ impl<const L: usize> Collapser<L> {
         let [here, there] = ends.map(|end| &self.quadrics[end as usize]);
         let mut both = here.c + there.c;
         let mut lanes = [here.lanes(offset), there.lanes(back)];
+        let far = lanes.map(|lanes| sum(lanes) + both);
+        let mut may = [0, 1].map(|way| {
+            let [from, to] = turned(ends, way == 1);
+            may_move(mesh, from, to) && !self.is_dear(far[way], from, to)
+        });
+        if may == [false; 2] {
+            return None;
+        }
         if L > 0 {
             let change = self.change(vertices[0], vertices[1]);
             let [here, there] = vertices.map(|vertex| &self.attribute_quadrics[vertex as usize]);
-            both += here.base.c + there.base.c;
-            lanes[0] += here.lanes(offset, &change);
-            lanes[1] += there.lanes(back, &change.map(|x| -x));
+            let own = [
+                here.lanes(offset, &change),
+                there.lanes(back, &change.map(|x| -x)),
+            ];
+            let constant = here.base.c + there.base.c;
+            let weight = here.base.weight + there.base.weight;
+            both += constant;
+            for way in 0..2 {
+                may[way] &= !self.budget.is_exceeded(sum(own[way]) + constant, weight);
+                lanes[way] += own[way];
+            }
         }
         let costs = [
             sum(lanes[0]) + both + length * here.weight,
             sum(lanes[1]) + both + length * there.weight,
         ];
-        let may = |from: usize, to: usize| may_move(mesh, ends[from], ends[to]);
-        let costs = [
-            if may(0, 1) { costs[0] } else { f32::INFINITY },
-            if may(1, 0) { costs[1] } else { f32::INFINITY },
-        ];
+        let costs = [0, 1].map(|way| if may[way] { costs[way] } else { f32::INFINITY });
         let back = costs[1] < costs[0];
         let cost = costs[0].min(costs[1]);
         (cost < f32::INFINITY).then_some((cost, back))
@@ -62,10 +74,7 @@ impl<const L: usize> Collapser<L> {
     ) -> Option<(f32, bool)> {
         let bound = |backwards: bool| {
             let [from, to] = turned(ends, backwards);
-            match may_move(mesh, from, to) {
-                true => self.distance_cost(mesh, from, to),
-                false => f32::INFINITY,
-            }
+            self.distance_cost(mesh, from, to)
         };
         let bounds = [bound(false), bound(true)];
         let first = bounds[1] < bounds[0];
@@ -88,17 +97,21 @@ impl<const L: usize> Collapser<L> {
         }
     }
 
-    /// What it costs at least to move `from` onto `to`: the attributes come on top.
+    /// Least cost of moving `from` onto `to`: attributes come on top. Infinite where that is not
+    /// allowed whatever lies round it, or too dear.
     #[inline]
-    pub(super) fn distance_cost(&self, mesh: &GroupMesh, from: u16, to: u16) -> f32 {
+    fn distance_cost(&self, mesh: &GroupMesh, from: u16, to: u16) -> f32 {
         let offset = sub(mesh.positions[to as usize], mesh.positions[from as usize]);
         let quadric = &self.quadrics[from as usize];
-        quadric.at(offset)
-            + self.quadrics[to as usize].c
-            + LENGTH_WEIGHT * quadric.weight * dot(offset, offset)
+        let far = quadric.at(offset) + self.quadrics[to as usize].c;
+        match may_move(mesh, from, to) && !self.is_dear(far, from, to) {
+            true => far + LENGTH_WEIGHT * quadric.weight * dot(offset, offset),
+            false => f32::INFINITY,
+        }
     }
 
-    /// What it costs to move all of `from` onto `to`; `None` where that is not allowed whatever lies round it.
+    /// Cost of moving all of `from` onto `to`; `None` where that is not allowed whatever lies round
+    /// it, or too dear.
     pub(super) fn cost(
         &self,
         mesh: &GroupMesh,
@@ -106,11 +119,10 @@ impl<const L: usize> Collapser<L> {
         to: u16,
         freedom: Freedom,
     ) -> Option<f32> {
-        if !may_move(mesh, from, to) {
-            return None;
+        match self.distance_cost(mesh, from, to) {
+            f32::INFINITY => None,
+            distance => self.with_attributes(mesh, from, to, freedom, distance),
         }
-        let distance = self.distance_cost(mesh, from, to);
-        self.with_attributes(mesh, from, to, freedom, distance)
     }
 
     /// The same where the cost of the distance is known.

@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use foldhash::fast::RandomState;
+
 use super::group::GroupMesh;
 use super::nearest::{middle, to_segment};
 use super::quadric::{cross, dot, sub};
@@ -71,7 +73,7 @@ pub(super) fn lost(mesh: &GroupMesh, origins: &[[f32; 3]], after: &[[u16; 3]]) -
 
 /// Edges where the triangles of a material along and against them do not balance, by slot.
 fn outlines(mesh: &GroupMesh, triangles: &[[u16; 3]], positions: &[[f32; 3]]) -> Vec<Edge> {
-    let mut balances: HashMap<(u16, usize, usize), i32> = HashMap::new();
+    let mut balances: HashMap<(u16, usize, usize), i32, RandomState> = HashMap::default();
     for &triangle in triangles {
         let slot = mesh.welder.vertices[triangle[0] as usize].1;
         let places = mesh.places(triangle);
@@ -107,4 +109,39 @@ fn farthest(from: &[Edge], to: &[Edge], size: f32) -> f32 {
         }
     }
     worst.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::vertex::Vertex;
+    use super::*;
+
+    #[test]
+    fn an_outline_is_where_a_material_ends() {
+        let mut mesh = GroupMesh::default();
+        mesh.welder.clear(8);
+        // A strip of three squares of two triangles, the last one of another material.
+        let mut number = |x: i32, y: i32, slot: u16| {
+            let vertex = Vertex {
+                position: [8 * x, 8 * y, 0],
+                ..Vertex::default()
+            };
+            mesh.welder.number(&vertex, slot) as u16
+        };
+        for (x, slot) in [(0, 0), (1, 0), (2, 1)] {
+            let corners = [(x, 0), (x + 1, 0), (x + 1, 1), (x, 1)];
+            let [a, b, c, d] = corners.map(|(x, y)| number(x, y, slot));
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+        mesh.place_positions();
+        let found = outlines(&mesh, &mesh.triangles, &mesh.positions);
+        let of_slot = |slot: u16| found.iter().filter(move |edge| edge.0 == slot);
+        // Round two squares and round one, without the diagonals and the edge between the two.
+        assert_eq!([of_slot(0).count(), of_slot(1).count()], [6, 4]);
+        let ends = [[16, 0, 0], [16, 8, 0]].map(|at| mesh.local(at));
+        for slot in [0, 1] {
+            let between = |edge: &&Edge| edge.1.iter().all(|end| ends.contains(end));
+            assert_eq!(of_slot(slot).filter(between).count(), 1, "material {slot}");
+        }
+    }
 }

@@ -325,7 +325,12 @@ fn sweep<const L: usize>(
     state.start(mesh, job.grids, &weights);
     state.budget.start(mesh, limits.budget as f32);
     let mut left = mesh.triangles.len();
-    for sweep in 0..MOST_SWEEPS {
+    // Within a budget another sweep finds next to nothing: its place is the next round.
+    let sweeps = match state.budget.is_limited() {
+        true => 1,
+        false => MOST_SWEEPS,
+    };
+    for sweep in 0..sweeps {
         state.run(mesh, limits.target, sweep == 0);
         // A refused collapse may be allowed now that its neighbours have moved.
         if state.live <= limits.target || state.live as f64 > WORTH_A_SWEEP * left as f64 {

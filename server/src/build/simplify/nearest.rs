@@ -64,6 +64,19 @@ impl Patch {
         self.triangles.iter().copied()
     }
 
+    /// Places of a triangle.
+    pub fn places(&self, triangle: usize) -> [u16; 3] {
+        self.triangles[triangle]
+    }
+
+    /// Squared distance of each of four points to a triangle of its own.
+    pub fn to_own(&self, points: [[f32; 3]; 4], triangles: [usize; 4]) -> [f32; 4] {
+        let [a, b, c, d] = points.map(|at| Vec3::from(at).extend(0.0));
+        let at = Mat4::from_cols(a, b, c, d).transpose();
+        let four = gather(triangles.map(|triangle| &self.corners[triangle]));
+        from_points([at.x_axis, at.y_axis, at.z_axis], &four).to_array()
+    }
+
     /// Whether some triangle is at a place.
     pub fn holds(&self, place: u16) -> bool {
         self.first[place as usize] < self.first[place as usize + 1]
@@ -145,12 +158,18 @@ impl Patch {
     /// Makes the nearest of four triangles the best if it is nearer.
     fn take_nearest(&self, at: [f32; 3], four: [usize; 4], best: &mut (f32, usize)) {
         let squared = to_triangles(at, &gather(four.map(|triangle| &self.corners[triangle])));
-        for (squared, triangle) in squared.to_array().into_iter().zip(four) {
-            if squared < best.0 {
-                *best = (squared, triangle);
-            }
+        if let Some((squared, lane)) = nearer(squared, best.0) {
+            *best = (squared, four[lane]);
         }
     }
+}
+
+/// The least of four squared distances and its lane, if it is less than `best`.
+#[inline(always)]
+pub(super) fn nearer(squared: Vec4, best: f32) -> Option<(f32, usize)> {
+    let least = squared.min_element();
+    let lanes = squared.cmpeq(Vec4::splat(least)).bitmask();
+    (least < best).then_some((least, lanes.trailing_zeros() as usize))
 }
 
 /// Four triangles' corners side by side.
@@ -163,8 +182,14 @@ pub(in super::super) fn gather([a, b, c, d]: [&[Vec4; 3]; 4]) -> Four {
 }
 
 /// Squared distances from a point to four triangles (Ericson, "Real-Time Collision Detection", 3.4 and 5.1.5).
-pub(in super::super) fn to_triangles(at: [f32; 3], &[a, b, c]: &Four) -> Vec4 {
-    let at = at.map(Vec4::splat);
+#[inline]
+pub(in super::super) fn to_triangles(at: [f32; 3], four: &Four) -> Vec4 {
+    from_points(at.map(Vec4::splat), four)
+}
+
+/// The same from four points, each to one of the triangles.
+#[inline(always)]
+fn from_points(at: [Vec4; 3], &[a, b, c]: &Four) -> Vec4 {
     let (ab, ac, ap) = (sub4(b, a), sub4(c, a), sub4(at, a));
     let (bc, bp) = (sub4(c, b), sub4(at, b));
     let normal = cross4(ab, ac);
@@ -309,5 +334,30 @@ mod tests {
         }
         patch.set(&positions, triangles[..4].iter().copied());
         assert_eq!(patch.nearest([0.0; 3], &[30], 0.0, 0.0), None);
+    }
+
+    #[test]
+    fn four_points_are_measured_each_to_its_own_triangle() {
+        let corners = |number| case(number).1;
+        let positions: Vec<[f32; 3]> = (0..4).flat_map(corners).collect();
+        let mut patch = Patch::default();
+        patch.set(&positions, (0..4).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]));
+        let points = [0, 1, 2, 3].map(|number| case(50 + number).0);
+        let triangles = [2, 0, 3, 0];
+        let found = patch.to_own(points, triangles);
+        for lane in 0..4 {
+            let own = four_numbers(corners(triangles[lane] as u32));
+            assert_eq!(
+                found[lane],
+                to_triangles(points[lane], &gather([&own; 4])).x
+            );
+        }
+    }
+
+    #[test]
+    fn the_first_of_the_least_lanes_is_taken_where_it_is_less() {
+        let lanes = Vec4::new(3.0, 1.0, 2.0, 1.0);
+        assert_eq!(nearer(lanes, 1.5), Some((1.0, 1)));
+        assert_eq!(nearer(lanes, 1.0), None);
     }
 }

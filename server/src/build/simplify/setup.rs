@@ -235,6 +235,10 @@ impl<const L: usize> Collapser<L> {
                 let vertices = self.corners[triangle];
                 for (side, along) in [((k + 1) % 3, true), ((k + 2) % 3, false)] {
                     let neighbour = self.place(vertices[side]);
+                    // It has had its turn.
+                    if neighbour < place && looked_at(self, neighbour) {
+                        continue;
+                    }
                     let slot = &mut slots[neighbour as usize];
                     if self.stamp[neighbour as usize] != self.now {
                         self.stamp[neighbour as usize] = self.now;
@@ -259,9 +263,7 @@ impl<const L: usize> Collapser<L> {
                 corner = self.next[corner as usize];
             }
             for edge in &around {
-                if edge.neighbour > place || !looked_at(self, edge.neighbour) {
-                    self.add_edge_planes(mesh, place, edge);
-                }
+                self.add_edge_planes(mesh, place, edge);
             }
         }
         self.around = around;

@@ -11,9 +11,12 @@
 //! lies between them (`lodestream-loadtests build`
 //! measures what is left).
 
+mod answers;
+
 use super::super::borders::OPEN;
 use super::super::cluster::Witness;
 use super::super::triangle_tree::TriangleTree;
+use super::budget::Answered;
 use super::collapse::Collapser;
 use super::group::GroupMesh;
 use super::nearest::{Patch, middle, to_segment};
@@ -59,6 +62,8 @@ pub(super) struct Court {
     reach: Vec<f32>,
     /// Where each place went.
     went: Vec<u16>,
+    /// Places that went and witnesses, each with its squared distance to a triangle of `left`.
+    answered: Vec<(Answered, f32)>,
     /// What is left, and the group as it was.
     left: Patch,
     old: Patch,
@@ -109,7 +114,11 @@ impl Court {
         );
         self.farthest.clear();
         self.farthest.resize(state.live, (-1.0, [0; 3]));
-        let mut worst = 0.0f32;
+        let is_limited = state.budget.is_limited();
+        let mut worst = match is_limited {
+            true => self.hear_answered(state, mesh),
+            false => 0.0,
+        };
         let mut lost: Vec<[i32; 3]> = Vec::new();
         for place in loosest_first(state, &self.went) {
             if mesh.answered[place] {
@@ -118,6 +127,9 @@ impl Court {
             let went_to = self.went[place];
             let stayed = went_to as usize == place;
             let at = origins[place];
+            if is_limited && !stayed && self.left.holds(went_to) {
+                continue;
+            }
             if stayed && self.left.holds(went_to) {
                 // It is no farther from the surface than it has moved.
                 let step = sub(mesh.positions[place], at);
@@ -138,26 +150,8 @@ impl Court {
                 None => lost.push(mesh.on_grid(at)),
             }
         }
-        for witness in &mesh.witnesses {
-            let at = mesh.local(witness.position);
-            let places = mesh.places(mesh.triangles[witness.triangle as usize]);
-            let near = places.into_iter().min_by(|&a, &b| {
-                let away = |place: usize| {
-                    let side = sub(origins[place], at);
-                    dot(side, side)
-                };
-                away(a).total_cmp(&away(b))
-            });
-            let went_to = self.went[near.unwrap_or(0)];
-            match self.left.nearest(at, &[went_to], ENOUGH * worst, worst) {
-                Some((squared, triangle)) => {
-                    worst = worst.max(squared);
-                    if squared > HANDED_ON * HANDED_ON * worst {
-                        self.keep(triangle, squared, witness.position);
-                    }
-                }
-                None => lost.push(witness.position),
-            }
+        if !is_limited {
+            worst = self.hear_witnesses(mesh, origins, worst, &mut lost);
         }
         let mut vanished = 0.0;
         if !lost.is_empty() {
@@ -182,6 +176,38 @@ impl Court {
             }
         }
         testimony
+    }
+
+    /// Hears every witness handed on; gives the largest squared distance, `worst` at least.
+    fn hear_witnesses(
+        &mut self,
+        mesh: &GroupMesh,
+        origins: &[[f32; 3]],
+        mut worst: f32,
+        lost: &mut Vec<[i32; 3]>,
+    ) -> f32 {
+        for witness in &mesh.witnesses {
+            let at = mesh.local(witness.position);
+            let places = mesh.places(mesh.triangles[witness.triangle as usize]);
+            let near = places.into_iter().min_by(|&a, &b| {
+                let away = |place: usize| {
+                    let side = sub(origins[place], at);
+                    dot(side, side)
+                };
+                away(a).total_cmp(&away(b))
+            });
+            let went_to = self.went[near.unwrap_or(0)];
+            match self.left.nearest(at, &[went_to], ENOUGH * worst, worst) {
+                Some((squared, triangle)) => {
+                    worst = worst.max(squared);
+                    if squared > HANDED_ON * HANDED_ON * worst {
+                        self.keep(triangle, squared, witness.position);
+                    }
+                }
+                None => lost.push(witness.position),
+            }
+        }
+        worst
     }
 
     /// Marks places where the surface may be loose: their quadrics are near the error that matters,
@@ -299,22 +325,24 @@ impl Court {
             for side in 0..3 {
                 let (place, next) = (places[side], places[(side + 1) % 3]);
                 let (from, to) = (corners[side], corners[(side + 1) % 3]);
-                if !std::mem::replace(&mut looked_at[place], true) {
+                // It is no farther off than it has moved.
+                let step = sub(from, origins[place]);
+                if !std::mem::replace(&mut looked_at[place], true) && dot(step, step) > least {
                     look_at(from, place);
                 }
                 let half = middle(from, to);
                 // Once for the two triangles of an edge; one that may be open may have no other.
                 if place < next || mesh.rules[place] == OPEN && mesh.rules[next] == OPEN {
                     look_at(half, place);
-                }
-                let along = sub(to, from);
-                let folded = state.folded[place];
-                if folded || dot(along, along) > long * long {
-                    look_at(middle(from, half), place);
-                    look_at(middle(half, to), next);
+                    let along = sub(to, from);
+                    let is_folded = state.folded[place] || state.folded[next];
+                    if is_folded || dot(along, along) > long * long {
+                        look_at(middle(from, half), place);
+                        look_at(middle(half, to), next);
+                    }
                 }
                 // Where the surface lies on itself, what is new may reach beyond its outline anywhere.
-                if folded {
+                if state.folded[place] {
                     look_at(middle(from, middle_point), place);
                 }
             }

@@ -66,8 +66,8 @@ fn some_grids() -> Grids {
     grids("triangle", &survey, wanted, &mut Vec::new()).expect("grids")
 }
 
-/// What is left of a mesh when all goes that may.
-fn left(mesh: &GroupMesh, distance: f32, target: usize) -> Vec<[u16; 3]> {
+/// A mesh when all has gone that may.
+fn collapsed(mesh: &GroupMesh, distance: f32, target: usize) -> Collapser<0> {
     let mut state = Collapser::<0>::default();
     let weights = Weights {
         normal: 0.0,
@@ -77,6 +77,12 @@ fn left(mesh: &GroupMesh, distance: f32, target: usize) -> Vec<[u16; 3]> {
     state.start(mesh, &some_grids(), &weights);
     state.budget.start(mesh, distance);
     state.run(mesh, target, true);
+    state
+}
+
+/// Triangles left then.
+fn left(mesh: &GroupMesh, distance: f32, target: usize) -> Vec<[u16; 3]> {
+    let state = collapsed(mesh, distance, target);
     let all = state.corners.iter().zip(&state.alive);
     let alive = all.filter(|&(_, &alive)| alive);
     alive.map(|(&corners, _)| corners).collect()
@@ -192,4 +198,72 @@ fn a_stripe_does_not_shrink_from_its_ends() {
         }
     }
     assert!(left.len() < mesh.triangles.len() / 2, "{}", left.len());
+}
+
+#[test]
+fn every_place_that_goes_has_a_live_triangle_within_the_budget() {
+    let mesh = waves();
+    let budget = 0.009;
+    let state = collapsed(&mesh, budget, 200);
+    let mut places = Vec::new();
+    for Answered {
+        at,
+        triangle,
+        source,
+    } in state.budget.points.answered()
+    {
+        let Source::Place(place) = source else {
+            panic!("no witnesses were given: {source:?}");
+        };
+        assert_eq!(at, mesh.positions[place as usize]);
+        assert!(state.alive[triangle], "place {place}");
+        let corners = mesh.places(state.corners[triangle]);
+        let corners = corners.map(|own| Vec3::from(mesh.positions[own]).extend(0.0));
+        let squared = to_triangles(at, &gather([&corners; 4])).x;
+        assert!(squared.sqrt() <= 1.0001 * budget, "place {place}");
+        places.push(place);
+    }
+    places.sort_unstable();
+    let gone = (0..mesh.positions.len() as u16).filter(|&place| state.find(place) != place);
+    assert_eq!(places, gone.collect::<Vec<_>>());
+}
+
+#[test]
+fn dear_collapses_are_not_queued_and_cheap_ones_are() {
+    let mesh = waves();
+    let mut state = collapsed(&mesh, f32::INFINITY, 200);
+    let [from, to] = [2 * (SIDE as u16 + 1) + 2, 2 * (SIDE as u16 + 1) + 3];
+    let weight: f32 = [from, to]
+        .map(|place| state.quadrics[place as usize].weight)
+        .iter()
+        .sum();
+    let mean = 1e-4;
+    assert!(!state.is_dear(mean * weight, from, to), "no budget");
+    for (budget, is_dear) in [(0.9, true), (1.1, false)] {
+        state.budget.start(&mesh, budget * (mean / DEAR).sqrt());
+        assert_eq!(state.is_dear(mean * weight, from, to), is_dear, "{budget}");
+    }
+}
+
+#[test]
+fn a_mean_with_corners_of_the_nearest_triangle_is_nearer_by_so_much() {
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let four = gather([&corners.map(|at| Vec3::from(at).extend(0.0)); 4]);
+    // Above the triangle, and beyond an edge of it.
+    for at in [[0.2, 0.3, 0.5], [0.9, 0.8, -0.1]] {
+        let under = Under {
+            squared: to_triangles(at, &four).x,
+            triangle: 7,
+            corners: [3, 4, 5],
+        };
+        for (corner, place) in corners.into_iter().zip([3, 4, 5]) {
+            let (bound, triangle) = under.shared(place, 2.0).expect("a corner");
+            let squared = to_triangles(middle(at, corner), &four).x;
+            assert!(
+                squared <= 1.0001 * bound && triangle == 7,
+                "{squared} {bound}"
+            );
+        }
+        assert!(under.shared(6, 2.0).is_none());
+    }
 }
