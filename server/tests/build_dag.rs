@@ -42,6 +42,10 @@ fn check(mesh: &Mesh, pairs: usize) -> (BuiltAsset, ReadAsset) {
         .filter(|sums| !sums.is_empty())
         .count();
     assert_eq!(moved as u64, report.groups_with_moved_open_edges);
+    let terms = report.groups_by_term;
+    let distances = terms.source + terms.surface + terms.members + terms.lost;
+    let replaced = report.groups - roots(&read).count() as u64;
+    assert_eq!(distances + terms.attributes + terms.materials, replaced);
     (built, read)
 }
 

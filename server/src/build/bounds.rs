@@ -76,8 +76,10 @@ pub(super) struct Terms {
     pub back: f64,
     /// Distance of parts that vanished from what is left.
     pub lost: f64,
-    /// Share of attributes and materials.
+    /// Share of normals, texture coordinates and colours.
     pub attributes: f64,
+    /// Share of materials.
+    pub materials: f64,
     /// Largest error of a member.
     pub members: f64,
     /// Largest distance of a member from the source.
@@ -103,6 +105,7 @@ impl Terms {
             back: 0.0,
             lost,
             attributes: simplified.attribute_metres,
+            materials: simplified.material_metres,
             members: most(|birth| birth.error_metres),
             members_surface,
         }
@@ -116,7 +119,8 @@ impl Terms {
     /// The largest term. Nothing is farther off than the lod sphere is wide, which holds both
     /// surfaces and only grows toward the root.
     pub fn error_metres(&self, lod_sphere: &Sphere) -> f64 {
-        let error = self.surface_metres().max(self.lost).max(self.attributes);
+        let others = self.lost.max(self.attributes).max(self.materials);
+        let error = self.surface_metres().max(others);
         // Below the root's, whatever the size of the mesh.
         let most = self.members.max(2.0 * lod_sphere.radius as f64);
         error
@@ -124,4 +128,32 @@ impl Terms {
             .min(most)
             .min(ROOT_ERROR as f64 / 2.0)
     }
+
+    /// The term that decides; of equal ones the first.
+    pub fn largest(&self) -> Term {
+        let all = [
+            (Term::Source, self.forward),
+            (Term::Surface, self.back),
+            (Term::Members, self.members.max(self.members_surface)),
+            (Term::Lost, self.lost),
+            (Term::Attributes, self.attributes),
+            (Term::Materials, self.materials),
+        ];
+        let larger = |best: (Term, f64), own: (Term, f64)| match own.1 > best.1 {
+            true => own,
+            false => best,
+        };
+        all.into_iter().fold(all[0], larger).0
+    }
+}
+
+/// A term of an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Term {
+    Source,
+    Surface,
+    Members,
+    Lost,
+    Attributes,
+    Materials,
 }

@@ -1,6 +1,6 @@
 //! Budgets: the distance from the source that the groups of a round may reach.
 //!
-//! The first is the distance that half of the triangles cost in a few groups. Each next one is
+//! The first is the smallest that brings something in a few groups. Each next one is
 //! chosen so that its round halves the triangles again: how the last one did says how fast they
 //! fall with the distance.
 
@@ -10,12 +10,13 @@ use super::borders::{Borders, ChunkBounds};
 use super::cluster::ClusterView;
 use super::dag::{Dag, Plan};
 use super::error::BuildError;
-use super::partition::USUAL_GROUP_CLUSTERS;
+use super::partition::{self, USUAL_GROUP_CLUSTERS};
 use super::simplify::{Job, Workspace};
 
-/// Runs of clusters that the first budget is taken from.
+/// Groups that the first budget is taken from.
 const PROBES: usize = 8;
-
+/// Chunks for each that is looked at: all of them would take the time of half a round.
+const CHUNKS_A_PROBE: usize = 4;
 /// Share of the triangles that the first round leaves at most, with the smallest budget that does.
 const FIRST_LEFT: f64 = 0.7;
 /// Halvings and doublings of the distance that half of the triangles cost, until one is the first
@@ -26,7 +27,7 @@ const WANTED_LEFT: f64 = 0.5;
 /// Factor that the first round is taken to have grown by.
 const FACTOR: f64 = 2.0;
 /// Least and largest factor from one budget to the next.
-const FACTORS: [f64; 2] = [1.5, 4.0];
+const FACTORS: [f64; 2] = [1.5, 2.5];
 
 /// Budgets of a build.
 #[derive(Debug, Clone, Copy)]
@@ -38,29 +39,15 @@ pub(super) struct Budgets {
 }
 
 impl Budgets {
-    /// Those of the clusters of `pool`, from a few runs of them, evenly spread.
+    /// Those of the clusters of `pool`, from a few groups of them.
     ///
     /// # Errors
     /// A store that cannot be read.
     pub fn of(dag: &Dag, plan: Plan, pool: &[u32]) -> Result<Self, BuildError> {
-        let mut all = ChunkBounds {
-            low: [i32::MAX; 3],
-            high: [i32::MIN; 3],
-        };
-        for info in &dag.clusters {
-            for axis in 0..3 {
-                all.low[axis] = all.low[axis].min(info.low[axis]);
-                all.high[axis] = all.high[axis].max(info.high[axis]);
-            }
-        }
+        let all = partition::bounds(&dag.clusters, pool);
         let side = |axis: usize| all.high[axis] as i64 - all.low[axis] as i64;
         let extent = (0..3).map(side).max().unwrap_or(0).max(0);
-        let run = USUAL_GROUP_CLUSTERS.min(pool.len());
-        let probes = pool.len().div_ceil(run.max(1)).min(PROBES);
-        let first_of = |probe: usize| probe * (pool.len() - run) / (probes - 1).max(1);
-        let probes: Vec<Probe> = (0..probes)
-            .map(|probe| Probe::new(dag, plan, &pool[first_of(probe)..][..run], all))
-            .collect::<Result<_, _>>()?;
+        let probes = probes(dag, plan, pool)?;
         let mut found: Vec<f64> = probes
             .par_iter()
             .map_init(Workspace::default, |workspace, probe| {
@@ -104,22 +91,68 @@ impl Budgets {
     }
 }
 
-/// Some clusters as a group of their own, its border untouched.
+/// A group of the first round.
 struct Probe {
     parts: Vec<Vec<u32>>,
     rules: Vec<Vec<u8>>,
 }
 
+/// Some groups of the first round, evenly spread over one in [`CHUNKS_A_PROBE`] chunks.
+fn probes(dag: &Dag, plan: Plan, pool: &[u32]) -> Result<Vec<Probe>, BuildError> {
+    let chunks = partition::chunks(&dag.clusters, pool, 0);
+    let bounds: Vec<ChunkBounds> = chunks
+        .iter()
+        .map(|chunk| partition::bounds(&dag.clusters, chunk))
+        .collect();
+    let asked = (chunks.len() / CHUNKS_A_PROBE).clamp(1, PROBES);
+    let mut probes = Vec::new();
+    for turn in 0..asked.min(chunks.len()) {
+        let own = (2 * turn + 1) * chunks.len() / (2 * asked);
+        let meets = |&other: &usize| other != own && bounds[other].meets(&bounds[own]);
+        let others: Vec<ChunkBounds> = (0..bounds.len())
+            .filter(meets)
+            .map(|other| bounds[other])
+            .collect();
+        probes.extend(Probe::some(
+            dag,
+            plan,
+            &chunks[own],
+            &others,
+            PROBES / asked,
+        )?);
+    }
+    Ok(probes)
+}
+
 impl Probe {
-    fn new(dag: &Dag, plan: Plan, clusters: &[u32], all: ChunkBounds) -> Result<Self, BuildError> {
-        let parts = dag.parts(clusters)?;
+    /// Some groups of a chunk.
+    fn some(
+        dag: &Dag,
+        plan: Plan,
+        chunk: &[u32],
+        others: &[ChunkBounds],
+        wanted: usize,
+    ) -> Result<Vec<Self>, BuildError> {
+        let parts = dag.parts(chunk)?;
         let views: Vec<ClusterView> = parts.iter().map(|part| ClusterView::new(part)).collect();
         let borders = Borders::new(&views);
-        let group: Vec<u32> = (0..views.len() as u32).collect();
-        let rules = borders.rules(&[group], &[all], plan.fixed);
-        let of_view = |(number, view)| borders.rules_of(number, view, &rules);
-        let rules = views.iter().enumerate().map(of_view).collect();
-        Ok(Self { parts, rules })
+        let groups = partition::partition(&views, &borders, USUAL_GROUP_CLUSTERS);
+        let rules = borders.rules(&groups, others, plan.fixed);
+        let rules_of = |&local: &u32| {
+            let number = local as usize;
+            borders.rules_of(number, &views[number], &rules)
+        };
+        let wanted = wanted.min(groups.len());
+        let asked = (0..wanted).map(|turn| &groups[(2 * turn + 1) * groups.len() / (2 * wanted)]);
+        Ok(asked
+            .map(|group| Self {
+                parts: group
+                    .iter()
+                    .map(|&own| parts[own as usize].clone())
+                    .collect(),
+                rules: group.iter().map(rules_of).collect(),
+            })
+            .collect())
     }
 
     /// Asks about the group with a budget.
@@ -159,27 +192,28 @@ fn left(probes: &[Probe], plan: Plan, budget_metres: f64) -> f64 {
     left as f64 / before.max(1) as f64
 }
 
-/// The smallest budget, `least_metres` at least, of which `left` says that it leaves few enough
-/// triangles, by halving and doubling.
+/// About the smallest budget, `least_metres` at least, of which `left` says that it leaves few
+/// enough triangles: by halving and doubling, then by a root of two.
 fn first(typical_metres: f64, least_metres: f64, left: impl Fn(f64) -> f64) -> f64 {
-    let brings = |metres: f64| left(metres) <= FIRST_LEFT;
+    let brings = |metres: f64| metres >= least_metres && left(metres) <= FIRST_LEFT;
     let mut metres = typical_metres.max(least_metres);
-    let down = brings(metres);
-    for _ in 0..MOST_TRIALS {
-        let next = if down { 0.5 * metres } else { 2.0 * metres };
-        if next < least_metres {
-            break;
+    if brings(metres) {
+        for _ in 0..MOST_TRIALS {
+            if !brings(0.5 * metres) {
+                break;
+            }
+            metres *= 0.5;
         }
-        let next_brings = brings(next);
-        if down && !next_brings {
-            break;
-        }
-        metres = next;
-        if next_brings && !down {
-            break;
+    } else {
+        for _ in 0..MOST_TRIALS {
+            metres *= 2.0;
+            if brings(metres) {
+                break;
+            }
         }
     }
-    metres
+    let between = std::f64::consts::FRAC_1_SQRT_2 * metres;
+    if brings(between) { between } else { metres }
 }
 
 #[cfg(test)]
@@ -221,14 +255,15 @@ mod tests {
                     "{fall} from {typical}: {found}"
                 );
                 assert!(
-                    left(fall)(0.5 * found) > FIRST_LEFT,
+                    left(fall)(0.7 * found) > FIRST_LEFT,
                     "{fall} from {typical}: {found}"
                 );
             }
         }
         // Nothing brings anything, and anything brings all.
         assert_eq!(first(1.0, 1e-9, |_| 1.0), 2f64.powi(MOST_TRIALS as i32));
-        assert_eq!(first(1.0, 0.3, |_| 0.0), 0.5);
+        let between = std::f64::consts::FRAC_1_SQRT_2 * 0.5;
+        assert_eq!(first(1.0, 0.3, |_| 0.0), between);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use lodestream_format::limits::MAX_LEVELS;
 use rayon::prelude::*;
 
 use super::borders::{Borders, ChunkBounds};
-use super::bounds::{self, Terms};
+use super::bounds::{self, Term, Terms};
 use super::budgets::Budgets;
 use super::cluster::{self, Birth, ClusterInfo, ClusterView};
 use super::error::BuildError;
@@ -37,6 +37,8 @@ pub(super) struct Group {
     pub parent_error_metres: f32,
     /// Distance of the group's replacement from the source at most, metres.
     pub surface_metres: f32,
+    /// Largest term of the error; `None` where nothing replaces the group.
+    pub term: Option<Term>,
 }
 
 /// Every cluster and every group of an asset.
@@ -244,6 +246,7 @@ impl Dag {
         Ok(Some(Replacement {
             clusters: Packed::new(&simplified.clusters),
             open_edges_moved: simplified.open_edges_moved,
+            term: terms.largest(),
             birth: Birth {
                 error_metres: round_up(error_metres),
                 surface_metres: round_up(terms.surface_metres()),
@@ -325,6 +328,7 @@ impl Dag {
             lod_sphere: replacement.birth.lod_sphere,
             parent_error_metres: replacement.birth.error_metres,
             surface_metres: replacement.birth.surface_metres,
+            term: Some(replacement.term),
         });
         let first = self.add(replacement.clusters, child_group)?;
         next.extend(first..self.clusters.len() as u32);
@@ -349,6 +353,7 @@ impl Dag {
                     round,
                     lod_sphere: bounds::lod_sphere(&births),
                     parent_error_metres: ROOT_ERROR,
+                    term: None,
                     surface_metres: ROOT_ERROR,
                 });
             }
@@ -361,5 +366,6 @@ impl Dag {
 struct Replacement {
     clusters: Packed,
     open_edges_moved: bool,
+    term: Term,
     birth: Birth,
 }

@@ -62,7 +62,7 @@ use vertex::Grids;
 pub use error::BuildError;
 pub use neighbours::Neighbours;
 pub use pack::{Pack, PackFile};
-pub use report::{BuildBytes, BuildReport, BuildSeconds, LevelRow};
+pub use report::{BuildBytes, BuildReport, BuildSeconds, GroupsByTerm, LevelRow};
 pub use simplify::Placement;
 pub use steps::MOST_EXTENT_STEPS;
 pub use steps::PositionStep;

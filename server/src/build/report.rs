@@ -1,5 +1,6 @@
 //! What a build did, in the keys of `ingest --report`.
 
+use super::bounds::Term;
 use super::dag::Dag;
 use super::encode::Encoded;
 use super::paginate::Pages;
@@ -18,6 +19,8 @@ pub struct BuildReport {
     pub groups: u64,
     /// Groups whose replacement moved open edges of the source.
     pub groups_with_moved_open_edges: u64,
+    /// Groups by the largest term of their error.
+    pub groups_by_term: GroupsByTerm,
     /// Levels, the source included.
     pub levels: u32,
     /// Pages.
@@ -32,6 +35,51 @@ pub struct BuildReport {
     pub seconds: BuildSeconds,
     /// One line for each thing that was changed or left out.
     pub warnings: Vec<String>,
+}
+
+/// Groups by the term that decides their error. Groups of roots, which nothing replaces, have none.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroupsByTerm {
+    /// Distance of the source from the replacement.
+    pub source: u64,
+    /// Distance of the replacement from the source.
+    pub surface: u64,
+    /// A member's error.
+    pub members: u64,
+    /// Distance of parts that vanished from what is left.
+    pub lost: u64,
+    /// Normals, texture coordinates and colours.
+    pub attributes: u64,
+    /// Materials.
+    pub materials: u64,
+}
+
+impl GroupsByTerm {
+    fn of(dag: &Dag) -> Self {
+        let mut counts = Self::default();
+        for term in dag.groups.iter().filter_map(|group| group.term) {
+            *match term {
+                Term::Source => &mut counts.source,
+                Term::Surface => &mut counts.surface,
+                Term::Members => &mut counts.members,
+                Term::Lost => &mut counts.lost,
+                Term::Attributes => &mut counts.attributes,
+                Term::Materials => &mut counts.materials,
+            } += 1;
+        }
+        counts
+    }
+
+    /// Adds the counts of another asset.
+    pub fn add(&mut self, other: &Self) {
+        self.source += other.source;
+        self.surface += other.surface;
+        self.members += other.members;
+        self.lost += other.lost;
+        self.attributes += other.attributes;
+        self.materials += other.materials;
+    }
 }
 
 /// Bytes of the parts of an asset.
@@ -113,6 +161,7 @@ pub(super) fn report(
         clusters: asset.clusters,
         groups: dag.groups.len() as u64,
         groups_with_moved_open_edges: dag.groups_with_moved_open_edges as u64,
+        groups_by_term: GroupsByTerm::of(dag),
         levels: asset.levels,
         pages: pages.pages.len() as u64,
         bytes: BuildBytes {

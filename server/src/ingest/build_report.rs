@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::build::{BuildBytes, BuildReport, BuildSeconds, LevelRow};
+use crate::build::{BuildBytes, BuildReport, BuildSeconds, GroupsByTerm, LevelRow};
 
 /// As `BuildReport` serializes, both ways.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -18,6 +18,7 @@ struct Report {
     clusters: u64,
     groups: u64,
     groups_with_moved_open_edges: u64,
+    groups_by_term: GroupsByTerm,
     levels: u32,
     pages: u64,
     #[serde(deserialize_with = "Bytes::deserialize")]

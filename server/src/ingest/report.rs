@@ -6,7 +6,7 @@ use std::sync::Arc;
 use lodestream_format::{ContentHash, Scene};
 
 use super::records::StoredAsset;
-use crate::build::LevelRow;
+use crate::build::{GroupsByTerm, LevelRow};
 use crate::library::Repaired;
 
 /// Figures of a scene; sums are over its assets, each once.
@@ -30,6 +30,8 @@ pub struct IngestReport {
     pub clusters: u64,
     /// Groups.
     pub groups: u64,
+    /// Groups by the largest term of their error.
+    pub groups_by_term: GroupsByTerm,
     /// Levels of the deepest asset.
     pub levels: u32,
     /// Pages.
@@ -158,6 +160,7 @@ pub(super) fn report(
         report.dag_triangles += built.dag_triangles;
         report.clusters += built.clusters;
         report.groups += built.groups;
+        report.groups_by_term.add(&built.groups_by_term);
         report.levels = report.levels.max(built.levels);
         report.pages += built.pages;
         report.bytes.memory_form += built.bytes.memory_form;

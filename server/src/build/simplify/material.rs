@@ -93,11 +93,18 @@ fn outlines(mesh: &GroupMesh, triangles: &[[u16; 3]], positions: &[[f32; 3]]) ->
 fn farthest(from: &[Edge], to: &[Edge], size: f32) -> f32 {
     let most = size * size;
     let mut worst = 0.0f32;
+    // Edges that follow each other are near the same ones.
+    let mut first = 0;
     for &(_, [a, b]) in from {
         for at in [a, middle(a, b)] {
-            let mut least = most;
-            for &(_, [from, to]) in to {
-                least = least.min(to_segment(at, from, to));
+            let (start, mut least) = (first, most);
+            for turn in 0..to.len() {
+                let number = (start + turn) % to.len();
+                let (_, [from, to]) = to[number];
+                let squared = to_segment(at, from, to);
+                if squared < least {
+                    (least, first) = (squared, number);
+                }
                 if least <= worst {
                     break;
                 }

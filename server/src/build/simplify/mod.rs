@@ -91,8 +91,10 @@ pub(super) struct Simplified {
     pub samples: Samples,
     /// Distance of parts of the group that vanished from what is left, metres.
     pub lost_metres: f64,
-    /// Attributes' error, metres.
+    /// Error of normals, texture coordinates and colours, metres.
     pub attribute_metres: f64,
+    /// Error of materials, metres.
+    pub material_metres: f64,
     /// Whether open edges of the surface moved.
     pub open_edges_moved: bool,
 }
@@ -237,6 +239,7 @@ impl Workspace {
             samples: result.samples,
             lost_metres: result.lost * start.metres,
             attribute_metres: result.attribute * start.metres,
+            material_metres: result.material * start.metres,
             open_edges_moved: result.open_edges_moved,
         })
     }
@@ -265,6 +268,7 @@ struct Outcome {
     samples: Samples,
     lost: f64,
     attribute: f64,
+    material: f64,
     open_edges_moved: bool,
 }
 
@@ -390,13 +394,14 @@ fn collapse<const L: usize>(
         distance: margin(distance as f64, MARGIN),
         samples,
         lost: margin(f64::max(lost as f64, thinner.lost), MARGIN),
-        attribute: attribute.max(lost_material).max(moved) as f64,
+        attribute: attribute as f64,
+        material: moved.max(lost_material) as f64,
         open_edges_moved: state.open_moved || thinner.open_moved,
     })
 }
 
-/// Vertex clustering, for loose parts and tangled topology. It knows nothing of attributes: all of them may be wrong, over
-/// a triangle each.
+/// Vertex clustering, for loose parts and tangled topology. It knows nothing of
+/// attributes and materials: all of them may be wrong, over a triangle each.
 fn merged(mesh: &GroupMesh, members: &[f32], target: usize) -> Option<Outcome> {
     let (triangles, moved_to) = merge::merge(mesh, target);
     if triangles.is_empty() || triangles.len() as f64 > MOST_LEFT * mesh.triangles.len() as f64 {
@@ -412,11 +417,13 @@ fn merged(mesh: &GroupMesh, members: &[f32], target: usize) -> Option<Outcome> {
     let step = measure::distance(&mesh.positions, &at(&mesh.triangles), &after, 0.0);
     let (witnesses, farthest) = witness::after_merge(mesh, &after, &moved_to);
     let most = members.iter().copied().fold(0.0, f32::max);
+    let size = mesh.typical_edge(&triangles) as f64;
     let open_moved = |(vertex, &to): (usize, &u16)| {
         to as usize != vertex && mesh.rules[mesh.welder.place_of[vertex] as usize] == OPEN
     };
     Some(Outcome {
-        attribute: mesh.typical_edge(&triangles) as f64,
+        attribute: size,
+        material: size,
         distance: margin(step.max(farthest), MARGIN),
         samples: Samples::of(mesh, &triangles, step as f32 + most),
         lost: margin(step, MARGIN),

@@ -172,9 +172,11 @@ pub(super) fn axes(covariance: DMat3) -> DMat3 {
 pub(super) fn nearest(at: DVec3, triangles: &[Corners]) -> (f64, usize) {
     let mut best = (f64::INFINITY, 0);
     for (number, own) in triangles.iter().enumerate() {
-        let squared = to_triangle(at.to_array(), &own.map(|corner| corner.to_array()));
-        if squared < best.0 {
-            best = (squared, number);
+        if to_box(at, own) < best.0 {
+            let squared = to_corners(at, own);
+            if squared < best.0 {
+                best = (squared, number);
+            }
         }
     }
     best
@@ -182,9 +184,18 @@ pub(super) fn nearest(at: DVec3, triangles: &[Corners]) -> (f64, usize) {
 
 /// Whether a point lies within a squared distance of some triangles.
 pub(super) fn is_near(at: DVec3, triangles: &[Corners], squared: f64) -> bool {
-    triangles
-        .iter()
-        .any(|own| to_triangle(at.to_array(), &own.map(|corner| corner.to_array())) <= squared)
+    let is_near = |own: &Corners| to_box(at, own) <= squared && to_corners(at, own) <= squared;
+    triangles.iter().any(is_near)
+}
+
+/// Squared distance to the box of a triangle: never above that to the triangle.
+fn to_box(at: DVec3, [a, b, c]: &Corners) -> f64 {
+    let (low, high) = (a.min(*b).min(*c), a.max(*b).max(*c));
+    (low - at).max(at - high).max(DVec3::ZERO).length_squared()
+}
+
+fn to_corners(at: DVec3, own: &Corners) -> f64 {
+    to_triangle(at.to_array(), &own.map(|corner| corner.to_array()))
 }
 
 /// Whether all samples of some triangles hold: corners, middles, and points no farther than
