@@ -432,7 +432,7 @@ fn the_builder_version_goes_with_the_bytes() {
         ),
         (
             10,
-            "524505f912fa11ddd7c074d6e9a7bcf87737b86632732f85fac1b57f2276e9c8"
+            "97d87313a9e3610c1933f90245ef50b6b75eb6fd0437aa9372ba3aadf82a2051"
         ),
     );
 }

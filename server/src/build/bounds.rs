@@ -139,10 +139,7 @@ impl Terms {
             (Term::Attributes, self.attributes),
             (Term::Materials, self.materials),
         ];
-        let larger = |best: (Term, f64), own: (Term, f64)| match own.1 > best.1 {
-            true => own,
-            false => best,
-        };
+        let larger = |best: (Term, f64), own: (Term, f64)| if own.1 > best.1 { own } else { best };
         all.into_iter().fold(all[0], larger).0
     }
 }

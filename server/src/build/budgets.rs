@@ -277,6 +277,6 @@ mod tests {
         assert!((budgets.metres() - 2.0).abs() < 1e-9);
         // Triangles that fall more slowly ask for larger steps.
         budgets.advance(0.7);
-        assert!(budgets.metres() > 4.0 * 1.5);
+        assert!(budgets.metres() > 2.0 * 2.2);
     }
 }

@@ -86,9 +86,10 @@ impl Budget {
     /// Takes up a group's witnesses. `distance` is in units.
     pub fn start(&mut self, mesh: &GroupMesh, distance: f32) {
         self.squared = distance * distance;
-        match self.is_limited() {
-            true => self.points.start(mesh),
-            false => self.points.clear(),
+        if self.is_limited() {
+            self.points.start(mesh);
+        } else {
+            self.points.clear();
         }
     }
 
@@ -157,9 +158,10 @@ impl<const L: usize> Collapser<L> {
     #[inline]
     pub(super) fn is_dear(&self, far: f32, from: u16, to: u16) -> bool {
         let weight = [from, to].map(|place| self.quadrics[place as usize].weight);
-        let share = match self.on_line[from as usize] {
-            true => DEAR_ON_LINE,
-            false => DEAR,
+        let share = if self.on_line[from as usize] {
+            DEAR_ON_LINE
+        } else {
+            DEAR
         };
         self.budget
             .is_exceeded(far, share * (weight[0] + weight[1]))

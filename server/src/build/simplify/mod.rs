@@ -184,8 +184,8 @@ impl Workspace {
         };
         self.origins.clear();
         self.origins.extend_from_slice(&self.mesh.positions);
-        self.thinner.start(&self.mesh);
         let limits = start.limits(job);
+        self.thinner.start(&self.mesh, limits.budget);
         let attributes = job.grids.attributes;
         self.thinner.thin(&mut self.mesh, &limits, attributes);
         start
@@ -330,9 +330,10 @@ fn sweep<const L: usize>(
     state.budget.start(mesh, limits.budget as f32);
     let mut left = mesh.triangles.len();
     // Within a budget another sweep finds next to nothing: its place is the next round.
-    let sweeps = match state.budget.is_limited() {
-        true => 1,
-        false => MOST_SWEEPS,
+    let sweeps = if state.budget.is_limited() {
+        1
+    } else {
+        MOST_SWEEPS
     };
     for sweep in 0..sweeps {
         state.run(mesh, limits.target, sweep == 0);

@@ -268,9 +268,20 @@ impl Court {
                 if ends[0] == ends[1] || !ends.iter().any(|&end| self.loose[end as usize]) {
                     continue;
                 }
-                let at = middle(origins[a], origins[b]);
-                if let Some((squared, _)) = self.left.nearest(at, &ends[..1], worst, worst) {
+                let ([a, b], mut far) = ([a, b].map(|place| origins[place]), false);
+                let half = middle(a, b);
+                if let Some((squared, _)) = self.left.nearest(half, &ends[..1], worst, worst) {
+                    far = squared > HANDED_ON * worst;
                     worst = worst.max(squared);
+                }
+                // An edge that went round a corner is farthest off beside its middle.
+                for at in [middle(a, half), middle(half, b)]
+                    .into_iter()
+                    .filter(|_| far)
+                {
+                    if let Some((squared, _)) = self.left.nearest(at, &ends[..1], worst, worst) {
+                        worst = worst.max(squared);
+                    }
                 }
             }
         }

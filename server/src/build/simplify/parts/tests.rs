@@ -174,7 +174,7 @@ fn thinned(mesh: &mut GroupMesh, mut after: impl FnMut(&GroupMesh, f64)) {
     let mut thinner = Thinner::default();
     let (mut budget, mut members) = (0.04, 0.0);
     for _ in 0..3 {
-        thinner.start(mesh);
+        thinner.start(mesh, f64::INFINITY);
         thinner.thin(mesh, &limits(budget, &[members]), Attributes::default());
         assert!(thinner.lost <= budget);
         after(mesh, budget);
@@ -245,7 +245,7 @@ fn parts_get_back_the_area_that_collapses_took() {
     };
     let weights = mesh.weights(&grids, mesh.typical_edge(&mesh.triangles));
     let mut thinner = Thinner::default();
-    thinner.start(&mesh);
+    thinner.start(&mesh, f64::INFINITY);
     let mut state = Collapser::<0>::default();
     state.start(&mesh, &grids, &weights);
     let area = |mesh: &GroupMesh, state: &Collapser<0>| {
@@ -268,7 +268,7 @@ fn no_budget_moves_nothing() {
     let mut mesh = crown();
     let before = surface(&mesh, |_| true);
     let mut thinner = Thinner::default();
-    thinner.start(&mesh);
+    thinner.start(&mesh, f64::INFINITY);
     thinner.thin(&mut mesh, &limits(0.0, &[]), Attributes::default());
     assert_eq!(surface(&mesh, |_| true), before);
 }

@@ -19,6 +19,10 @@ use super::{Corners, Part, Roots, corners, find};
 
 /// A part of more triangles is left to the collapses.
 const MOST_TRIANGLES: usize = 32;
+/// Budgets that a part reaches at most. Outermost points say how far a convex shape lies off: of a
+/// larger part with notches they say too little.
+const REACH: f64 = 2.0;
+
 /// How far parts may go.
 #[derive(Debug, Clone, Copy)]
 pub(in super::super) struct Limits<'a> {
@@ -60,10 +64,11 @@ pub(in super::super) struct Thinner {
 }
 
 impl Thinner {
-    /// Takes up the parts of a group.
-    pub fn start(&mut self, mesh: &GroupMesh) {
+    /// Takes up the parts of a group that are small beside the `budget`, units.
+    pub fn start(&mut self, mesh: &GroupMesh, budget: f64) {
         (self.lost, self.open_moved) = (0.0, false);
         self.parts = find(mesh, &mut self.roots);
+        self.parts.retain(|part| part.radius <= REACH * budget);
     }
 
     /// Lets parts stand for others until the target is reached or none is near.
