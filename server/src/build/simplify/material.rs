@@ -1,4 +1,5 @@
-//! Materials: how far their outlines have moved, and what is gone of them, which no distance between surfaces tells.
+//! Materials: how far their outlines have moved and how large the lost ones were, which no distance
+//! between surfaces says.
 
 use std::collections::HashMap;
 
@@ -12,8 +13,8 @@ use super::quadric::{cross, dot, sub};
 type Edge = (u16, [[f32; 3]; 2]);
 
 /// Farthest distance between the outlines of the materials of a group over `origins` and those of
-/// `after`, both ways at ends and middles, units, but at most `size`: a wrong material is wrong over
-/// a triangle and no farther. 0 where there is one material.
+/// `after`, both ways at ends and middles, units, but at most `size`: a wrong material is wrong
+/// over a triangle and no farther. 0 where there is one material.
 pub(super) fn outlines_moved(
     mesh: &GroupMesh,
     origins: &[[f32; 3]],

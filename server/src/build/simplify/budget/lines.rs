@@ -58,8 +58,8 @@ impl Budget {
 }
 
 impl<const L: usize> Collapser<L> {
-    /// Whether the lines at a place, which are open edges, folds and edges between materials, stay
-    /// within the budget of those at `to` once the place has moved there.
+    /// Whether the lines at `from`, outlines and folds, stay within the budget of those at
+    /// `to` once `from` has moved there.
     pub(super) fn lines_are_within(
         &self,
         mesh: &GroupMesh,

@@ -81,7 +81,7 @@ impl Growth {
             let scales = DVec3::new(along, across, across.min(1.0));
             new * DMat3::from_diagonal(scales) * own.transpose()
         };
-        // What is bent or thick has area off the plane of its first two axes.
+        // A bent or thick part has area off the plane of its first two axes.
         for _ in 0..CORRECTIONS {
             let turn = turn(across);
             let grown = stays.surface.iter().map(|own| own.map(|at| turn * at));

@@ -79,7 +79,7 @@ impl Roots {
             }
         }
         for place in 0..self.0.len() {
-            // What lies before is a root or names one.
+            // Every place before is a root or names one.
             self.0[place] = self.0[self.0[place] as usize];
         }
     }
