@@ -1,6 +1,6 @@
 //! Budgets: the distance from the source that the groups of a round may reach.
 //!
-//! The first is the smallest that brings something in a few groups. Each next one is
+//! The first is the smallest that removes enough triangles of a few groups. Each next one is
 //! chosen so that its round halves the triangles again: how the last one did says how fast they
 //! fall with the distance.
 
@@ -17,10 +17,9 @@ use super::simplify::{Job, Workspace};
 const PROBES: usize = 8;
 /// Chunks for each that is looked at: all of them would take the time of half a round.
 const CHUNKS_A_PROBE: usize = 4;
-/// Share of the triangles that the first round leaves at most, with the smallest budget that does.
+/// The first budget leaves at most this share of the triangles of the probes.
 const FIRST_LEFT: f64 = 0.7;
-/// Halvings and doublings of the distance that half of the triangles cost, until one is the first
-/// budget.
+/// Halvings or doublings at most in the search for the first budget.
 const MOST_TRIALS: usize = 4;
 /// Share of the triangles that a round should leave.
 const WANTED_LEFT: f64 = 0.5;
@@ -192,14 +191,14 @@ fn left(probes: &[Probe], plan: Plan, budget_metres: f64) -> f64 {
     left as f64 / before.max(1) as f64
 }
 
-/// About the smallest budget, `least_metres` at least, of which `left` says that it leaves few
-/// enough triangles: by halving and doubling, then by a root of two.
+/// About the smallest budget, `least_metres` at least, that leaves [`FIRST_LEFT`] of the triangles
+/// by `left`: searched by factors of two, then by a root of two.
 fn first(typical_metres: f64, least_metres: f64, left: impl Fn(f64) -> f64) -> f64 {
-    let brings = |metres: f64| metres >= least_metres && left(metres) <= FIRST_LEFT;
+    let removes_enough = |metres: f64| metres >= least_metres && left(metres) <= FIRST_LEFT;
     let mut metres = typical_metres.max(least_metres);
-    if brings(metres) {
+    if removes_enough(metres) {
         for _ in 0..MOST_TRIALS {
-            if !brings(0.5 * metres) {
+            if !removes_enough(0.5 * metres) {
                 break;
             }
             metres *= 0.5;
@@ -207,13 +206,17 @@ fn first(typical_metres: f64, least_metres: f64, left: impl Fn(f64) -> f64) -> f
     } else {
         for _ in 0..MOST_TRIALS {
             metres *= 2.0;
-            if brings(metres) {
+            if removes_enough(metres) {
                 break;
             }
         }
     }
     let between = std::f64::consts::FRAC_1_SQRT_2 * metres;
-    if brings(between) { between } else { metres }
+    if removes_enough(between) {
+        between
+    } else {
+        metres
+    }
 }
 
 #[cfg(test)]
@@ -244,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_budget_is_the_smallest_that_brings_something() {
+    fn the_first_budget_is_the_smallest_that_removes_enough() {
         // Half of the triangles go at a metre; a steep and a flat fall round it.
         let left = |fall: f64| move |metres: f64| 1.0 / (1.0 + metres.powf(fall));
         for fall in [0.5, 1.0, 3.0] {
@@ -260,7 +263,7 @@ mod tests {
                 );
             }
         }
-        // Nothing brings anything, and anything brings all.
+        // No budget removes a triangle, and every budget removes all.
         assert_eq!(first(1.0, 1e-9, |_| 1.0), 2f64.powi(MOST_TRIALS as i32));
         let between = std::f64::consts::FRAC_1_SQRT_2 * 0.5;
         assert_eq!(first(1.0, 0.3, |_| 0.0), between);

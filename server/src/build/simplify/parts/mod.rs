@@ -1,6 +1,5 @@
-//! Parts: what of a group hangs together over places, with how much it covers and how far it
-//! reaches. Loose small ones become fewer and larger (`thin`): leaves of a crown, twigs, blades,
-//! cards, screws.
+//! Parts: connected triangles of a group, with their area and extent. Small loose parts become
+//! fewer and larger (`thin`): leaves of a crown, twigs, blades, cards, screws.
 
 mod fit;
 mod near;
