@@ -129,11 +129,13 @@ impl<'a> Batches<'a> {
         opening.load_textures(&mut renderer, options, report)?;
         let near = near_metres(&opening.arrays, &opening.subject);
         let view = camera.view(near, 0.0);
-        // What no triangle covers.
-        renderer.clear_visbuffer();
+        // The background. Shading overwrites the fragment counts, so they are cleared again.
+        renderer.clear_visbuffer()?;
         renderer.shade(&view)?;
+        let color = renderer.read_color()?;
+        renderer.clear_visbuffer()?;
         Ok(Self {
-            color: renderer.read_color()?,
+            color,
             visbuffer: renderer.read_visbuffer()?,
             renderer,
             view,

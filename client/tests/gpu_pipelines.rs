@@ -7,9 +7,9 @@ mod gpu_common;
 use lodestream_client::gpu::{Gpu, Pipelines};
 use lodestream_shaders::passes::{ALL, PRESENT, PoolBindings};
 
-fn build_all(gpu: &Gpu) {
-    for bindings in [(1, 26), (3, 25)] {
-        let (count, words_log2) = bindings;
+fn build_all(gpu: &Gpu, pools: &[(u32, u32)]) {
+    for bindings in pools {
+        let &(count, words_log2) = bindings;
         let mut pipelines = Pipelines::new(gpu, PoolBindings { count, words_log2 });
         let mut faults = Vec::new();
         for pass in &ALL {
@@ -25,12 +25,12 @@ fn build_all(gpu: &Gpu) {
 
 #[test]
 fn every_pipeline_builds_on_the_noop_backend() {
-    build_all(&Gpu::noop());
+    build_all(&Gpu::noop(), &[(1, 25)]);
 }
 
 #[test]
 fn every_pipeline_builds_on_the_adapter() {
     if let Some(gpu) = gpu_common::gpu() {
-        build_all(&gpu);
+        build_all(&gpu, &[(1, 26), (3, 25)]);
     }
 }

@@ -13,6 +13,8 @@
 pub mod arrays;
 pub mod cpu;
 pub mod passes;
+pub mod scene_rows;
 pub mod types;
 
 pub use arrays::SceneArrays;
+pub use scene_rows::SceneRows;

@@ -1,7 +1,15 @@
 //! The pass table and the assembly of WGSL sources.
 //!
-//! A pass's bindings are all in group 0, numbered in the order of [`Pass::bindings`]; the page pool comes last, as one or
-//! several bindings, because adapters bound the size of one. `tests/reflection.rs` compares the table with the WGSL.
+//! A pass's bindings are all in group 0, numbered in the order of [`Pass::bindings`]. The page pool
+//! comes last, as one or several bindings, because adapters bound the size of one. No stage binds
+//! more than [`MAX_STORAGE_BUFFERS`] of them. `tests/reflection.rs` compares the table with the WGSL.
+
+/// Storage buffers that every WebGPU adapter binds in one stage.
+pub const MAX_STORAGE_BUFFERS: u32 = 8;
+/// Workgroup memory that every WebGPU adapter has, bytes.
+pub const MAX_WORKGROUP_BYTES: u32 = 16_384;
+/// Threads of a workgroup that every WebGPU adapter runs.
+pub const MAX_WORKGROUP_THREADS: u32 = 256;
 
 /// One entry point with what it reads and writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,10 +19,30 @@ pub struct Pass {
     /// Entry points: one compute, or vertex and fragment.
     pub entry_points: &'static [&'static str],
     /// Variables bound in group 0 from binding 0 on, without the pool.
-    pub bindings: &'static [&'static str],
+    pub bindings: &'static [Binding],
     /// Whether and how the pass uses the page pool.
     pub pool: PoolAccess,
     file: &'static str,
+}
+
+/// A variable of a pass and its buffer's name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Binding {
+    /// Name of the variable and of the buffer.
+    pub name: &'static str,
+    /// How the pass uses it.
+    pub access: Access,
+}
+
+/// How a pass uses a buffer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Access {
+    /// `var<uniform>`.
+    Uniform,
+    /// `var<storage, read>`.
+    Read,
+    /// `var<storage, read_write>`.
+    Write,
 }
 
 /// How a pass uses the page pool.
@@ -41,7 +69,7 @@ const fn pass(
     name: &'static str,
     file: &'static str,
     entry_points: &'static [&'static str],
-    bindings: &'static [&'static str],
+    bindings: &'static [Binding],
     pool: PoolAccess,
 ) -> Pass {
     Pass {
@@ -53,12 +81,27 @@ const fn pass(
     }
 }
 
+const fn uniform(name: &'static str) -> Binding {
+    let access = Access::Uniform;
+    Binding { name, access }
+}
+
+const fn read(name: &'static str) -> Binding {
+    let access = Access::Read;
+    Binding { name, access }
+}
+
+const fn write(name: &'static str) -> Binding {
+    let access = Access::Write;
+    Binding { name, access }
+}
+
 /// Vertices of pages from differences, other clusters and parents, a workgroup a page.
 pub const RESTORE: Pass = pass(
     "restore",
     include_str!("../wgsl/restore.wgsl"),
     &["restore"],
-    &["transcode_jobs", "staging", "restored"],
+    &[read("transcode_jobs"), read("staging"), write("restored")],
     PoolAccess::Read,
 );
 /// Their normals, a workgroup a cluster.
@@ -66,7 +109,7 @@ pub const RESTORE_NORMALS: Pass = pass(
     "restore_normals",
     include_str!("../wgsl/restore_normals.wgsl"),
     &["restore_normals"],
-    &["transcode_jobs", "staging", "restored"],
+    &[read("transcode_jobs"), read("staging"), write("restored")],
     PoolAccess::None,
 );
 /// Restored pages to memory form, a workgroup a cluster, one more a page for its header and tables.
@@ -74,7 +117,7 @@ pub const TRANSCODE: Pass = pass(
     "transcode",
     include_str!("../wgsl/transcode.wgsl"),
     &["transcode"],
-    &["transcode_jobs", "staging", "restored"],
+    &[read("transcode_jobs"), read("staging"), read("restored")],
     PoolAccess::Write,
 );
 /// Instances in the frustum to root nodes, a thread an instance.
@@ -82,7 +125,13 @@ pub const CULL_INSTANCES: Pass = pass(
     "cull_instances",
     include_str!("../wgsl/cull_instances.wgsl"),
     &["cull_instances"],
-    &["view", "instances", "assets", "counters", "node_queue_out"],
+    &[
+        uniform("view"),
+        read("scene"),
+        read("instances"),
+        write("counters"),
+        write("node_queues"),
+    ],
     PoolAccess::None,
 );
 /// Turns the next level's count into this level's and into arguments, one thread.
@@ -90,7 +139,7 @@ pub const PREPARE_NODES: Pass = pass(
     "prepare_nodes",
     include_str!("../wgsl/prepare.wgsl"),
     &["prepare_nodes"],
-    &["view", "counters", "args"],
+    &[uniform("view"), write("counters"), write("args")],
     PoolAccess::None,
 );
 /// One level of hierarchy nodes to nodes, candidates and requests, a thread a child.
@@ -99,18 +148,14 @@ pub const CULL_NODES: Pass = pass(
     include_str!("../wgsl/cull_nodes.wgsl"),
     &["cull_nodes"],
     &[
-        "view",
-        "instances",
-        "assets",
-        "nodes",
-        "groups",
-        "parts",
-        "page_table",
-        "page_priority",
-        "counters",
-        "node_queue_in",
-        "node_queue_out",
-        "candidates",
+        uniform("view"),
+        read("scene"),
+        read("instances"),
+        read("page_table"),
+        write("page_priority"),
+        write("counters"),
+        write("node_queues"),
+        write("clusters"),
     ],
     PoolAccess::None,
 );
@@ -119,7 +164,7 @@ pub const PREPARE_CLUSTERS: Pass = pass(
     "prepare_clusters",
     include_str!("../wgsl/prepare.wgsl"),
     &["prepare_clusters"],
-    &["view", "counters", "args"],
+    &[uniform("view"), write("counters"), write("args")],
     PoolAccess::None,
 );
 /// Candidates to visible clusters, a thread a candidate.
@@ -128,14 +173,12 @@ pub const CULL_CLUSTERS: Pass = pass(
     include_str!("../wgsl/cull_clusters.wgsl"),
     &["cull_clusters"],
     &[
-        "view",
-        "instances",
-        "assets",
-        "groups",
-        "page_table",
-        "counters",
-        "candidates",
-        "visible",
+        uniform("view"),
+        read("scene"),
+        read("instances"),
+        read("page_table"),
+        write("counters"),
+        write("clusters"),
     ],
     PoolAccess::Read,
 );
@@ -144,7 +187,7 @@ pub const PREPARE_RASTER: Pass = pass(
     "prepare_raster",
     include_str!("../wgsl/prepare.wgsl"),
     &["prepare_raster"],
-    &["view", "counters", "args"],
+    &[uniform("view"), write("counters"), write("args")],
     PoolAccess::None,
 );
 /// Visible clusters to the visbuffer, by the hardware rasterizer.
@@ -152,7 +195,13 @@ pub const RASTER: Pass = pass(
     "raster",
     include_str!("../wgsl/raster.wgsl"),
     &["raster_vertex", "raster_fragment"],
-    &["view", "instances", "assets", "visible", "visbuffer"],
+    &[
+        uniform("view"),
+        read("scene"),
+        read("instances"),
+        read("clusters"),
+        write("visbuffer"),
+    ],
     PoolAccess::Read,
 );
 /// `raster` for scenes with masked materials: the fragment looks up alpha.
@@ -161,15 +210,12 @@ pub const RASTER_MASKED: Pass = pass(
     include_str!("../wgsl/raster_masked.wgsl"),
     &["raster_vertex", "raster_fragment"],
     &[
-        "view",
-        "instances",
-        "assets",
-        "visible",
-        "visbuffer",
-        "material_slots",
-        "materials",
-        "texture_records",
-        "texels",
+        uniform("view"),
+        read("scene"),
+        read("instances"),
+        read("clusters"),
+        write("visbuffer"),
+        read("texels"),
     ],
     PoolAccess::Read,
 );
@@ -178,7 +224,13 @@ pub const RASTER_OVERDRAW: Pass = pass(
     "raster_overdraw",
     include_str!("../wgsl/raster_overdraw.wgsl"),
     &["raster_vertex", "raster_fragment"],
-    &["view", "instances", "assets", "visible", "fragment_counts"],
+    &[
+        uniform("view"),
+        read("scene"),
+        read("instances"),
+        read("clusters"),
+        write("color"),
+    ],
     PoolAccess::Read,
 );
 /// Visbuffer to colours, a thread a pixel.
@@ -187,18 +239,14 @@ pub const SHADE: Pass = pass(
     include_str!("../wgsl/shade.wgsl"),
     &["shade"],
     &[
-        "view",
-        "instances",
-        "assets",
-        "visible",
-        "visbuffer",
-        "material_slots",
-        "materials",
-        "texture_records",
-        "texels",
-        "fragment_counts",
-        "color",
-        "counters",
+        uniform("view"),
+        read("scene"),
+        read("instances"),
+        read("clusters"),
+        read("visbuffer"),
+        read("texels"),
+        write("color"),
+        write("counters"),
     ],
     PoolAccess::Read,
 );
@@ -207,7 +255,12 @@ pub const COMPACT_REQUESTS: Pass = pass(
     "compact_requests",
     include_str!("../wgsl/compact_requests.wgsl"),
     &["compact_requests"],
-    &["view", "page_priority", "counters", "requests"],
+    &[
+        uniform("view"),
+        read("page_priority"),
+        write("counters"),
+        write("requests"),
+    ],
     PoolAccess::None,
 );
 /// Colours to the window's surface.
@@ -215,7 +268,7 @@ pub const PRESENT: Pass = pass(
     "present",
     include_str!("../wgsl/present.wgsl"),
     &["present_vertex", "present_fragment"],
-    &["view", "color"],
+    &[uniform("view"), read("color")],
     PoolAccess::None,
 );
 
@@ -241,6 +294,7 @@ pub const ALL: [Pass; 15] = [
 const SHARED: &[(&str, &str)] = &[
     ("types", include_str!("../wgsl/shared/types.wgsl")),
     ("view", include_str!("../wgsl/shared/view.wgsl")),
+    ("scene", include_str!("../wgsl/shared/scene.wgsl")),
     (
         "error_metric",
         include_str!("../wgsl/shared/error_metric.wgsl"),
@@ -280,6 +334,12 @@ const SHARED: &[(&str, &str)] = &[
 ];
 
 impl Pass {
+    /// The storage buffers that one stage binds, without the pool.
+    pub fn storage_buffers(&self) -> u32 {
+        let stored = |binding: &&Binding| binding.access != Access::Uniform;
+        self.bindings.iter().filter(stored).count() as u32
+    }
+
     /// The whole WGSL module: every `#import NAME` line brings `wgsl/shared/NAME.wgsl` once, and the page pool's
     /// declarations follow.
     pub fn source(&self, pool: PoolBindings) -> String {

@@ -43,7 +43,7 @@ pub struct View {
     pub shade_mode: u32,
     /// Bits of [`view_flag`].
     pub flags: u32,
-    /// Entries that the node queues hold.
+    /// Entries that each half of the node queues holds.
     pub node_capacity: u32,
     /// Entries that the candidate and visible lists hold, each.
     pub cluster_capacity: u32,
@@ -51,8 +51,18 @@ pub struct View {
     pub request_capacity: u32,
     /// 1 / cos of the angle between the view axis and the picture's corner, rounded up.
     pub corner_secant: f32,
-    /// Zero.
-    pub spare: [u32; 2],
+    /// First row of the hierarchy nodes in the scene's rows.
+    pub node_row: u32,
+    /// First row of the groups.
+    pub group_row: u32,
+    /// First row of the group parts.
+    pub part_row: u32,
+    /// First row of the material slots.
+    pub slot_row: u32,
+    /// First row of the materials.
+    pub material_row: u32,
+    /// First row of the texture records.
+    pub texture_row: u32,
 }
 
 /// Bits of [`View::flags`].
@@ -207,8 +217,10 @@ pub struct Counters {
     /// Bits of the most pixels that the rounding of a visible surface to its grid may show, where
     /// they are more than the pixel error; else zero.
     pub rounding_px_bits: u32,
+    /// Half of the node queues that `cull_nodes` reads, 0 or 1; it appends to the other.
+    pub node_half: u32,
     /// Zero.
-    pub spare: [u32; 2],
+    pub spare: u32,
 }
 
 /// Arguments of the indirect commands, in this order in one buffer.

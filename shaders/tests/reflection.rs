@@ -4,9 +4,11 @@ mod shader_module;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use lodestream_format::hierarchy::{Child, Group, Node, Part};
+use lodestream_format::hierarchy::{Child, Group, Part};
 use lodestream_format::strips::mask;
-use lodestream_shaders::passes::{ALL, PoolAccess};
+use lodestream_shaders::passes::{
+    ALL, Access, MAX_STORAGE_BUFFERS, MAX_WORKGROUP_BYTES, MAX_WORKGROUP_THREADS, PoolAccess,
+};
 use lodestream_shaders::types::*;
 use naga::{AddressSpace, StorageAccess};
 use shader_module::{Field, Kind, Layout, Member, constants, modules, structs};
@@ -48,7 +50,12 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             cluster_capacity,
             request_capacity,
             corner_secant,
-            spare
+            node_row,
+            group_row,
+            part_row,
+            slot_row,
+            material_row,
+            texture_row
         }),
         layout!(InstanceRecord {
             translation_high,
@@ -83,7 +90,6 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             aabb_max,
             reference
         }),
-        layout!(Node { children }),
         layout!(Group {
             lod_center,
             lod_radius,
@@ -123,6 +129,7 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             triangles_drawn,
             node_count_max,
             rounding_px_bits,
+            node_half,
             spare
         }),
         layout!(IndirectArgs {
@@ -263,37 +270,70 @@ fn bindings_are_those_of_the_table() {
                     pass.name, binding.group
                 ));
             }
-            bound.insert(binding.binding as usize, (name, variable.space));
+            let access = match variable.space {
+                AddressSpace::Uniform => Some(Access::Uniform),
+                AddressSpace::Storage { access } if access.contains(StorageAccess::STORE) => {
+                    Some(Access::Write)
+                }
+                AddressSpace::Storage { .. } => Some(Access::Read),
+                _ => None,
+            };
+            bound.insert(binding.binding as usize, (name, access));
         }
-        let pools = if pass.pool == PoolAccess::None {
-            0
-        } else {
-            shader_module::POOL.count as usize
+        let pool_access = match pass.pool {
+            PoolAccess::None => None,
+            PoolAccess::Read => Some(Access::Read),
+            PoolAccess::Write => Some(Access::Write),
         };
-        let expected: Vec<String> = pass
-            .bindings
-            .iter()
-            .map(|name| name.to_string())
-            .chain((0..pools).map(|index| format!("pool_{index}")))
+        let pools = pool_access.into_iter().flat_map(|access| {
+            (0..shader_module::POOL.count).map(move |index| (format!("pool_{index}"), Some(access)))
+        });
+        let fixed = pass.bindings.iter();
+        let expected: Vec<_> = fixed
+            .map(|binding| (binding.name.to_owned(), Some(binding.access)))
+            .chain(pools)
             .collect();
-        let names: Vec<String> = bound.values().map(|(name, _)| name.clone()).collect();
-        if names != expected || !bound.keys().copied().eq(0..expected.len()) {
+        let declared: Vec<_> = bound.values().cloned().collect();
+        if declared != expected || !bound.keys().copied().eq(0..expected.len()) {
             found.push(format!(
                 "{}: {expected:?} in the table, {bound:?} in WGSL",
                 pass.name
             ));
         }
-        for (name, space) in bound.values() {
-            let writes = matches!(space, AddressSpace::Storage { access } if access.contains(StorageAccess::STORE));
-            if !matches!(space, AddressSpace::Storage { .. }) || (name == "view" && writes) {
-                found.push(format!("{}: {name} is bound as {space:?}", pass.name));
-            }
-            if name.starts_with("pool_") && writes != (pass.pool == PoolAccess::Write) {
-                found.push(format!("{}: {name} writes {writes}", pass.name));
-            }
-        }
     }
     assert!(found.is_empty(), "\n{}", found.join("\n"));
+}
+
+/// Each stage keeps to the limits that every WebGPU adapter has, with one binding of the pool.
+#[test]
+fn passes_keep_to_the_limits_of_webgpu() {
+    for (pass, module) in modules() {
+        let pool = u32::from(pass.pool != PoolAccess::None);
+        let buffers = pass.storage_buffers() + pool;
+        assert!(
+            buffers <= MAX_STORAGE_BUFFERS,
+            "{}: {buffers} storage buffers",
+            pass.name
+        );
+        let mut layouter = naga::proc::Layouter::default();
+        layouter
+            .update(module.to_ctx())
+            .expect("naga lays out what it parsed");
+        let shared = module.global_variables.iter();
+        let bytes: u32 = shared
+            .filter(|(_, variable)| variable.space == AddressSpace::WorkGroup)
+            .map(|(_, variable)| layouter[variable.ty].size)
+            .sum();
+        assert!(
+            bytes <= MAX_WORKGROUP_BYTES,
+            "{}: {bytes} bytes of workgroup memory",
+            pass.name
+        );
+        for entry in &module.entry_points {
+            let threads: u32 = entry.workgroup_size.iter().product();
+            assert!(threads <= MAX_WORKGROUP_THREADS, "{}", entry.name);
+        }
+    }
 }
 
 #[test]
@@ -330,6 +370,7 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
     use lodestream_format::memory_form::{self, cluster_word, page_word};
     use lodestream_format::octahedral::NORMAL_BITS;
     use lodestream_shaders::cpu::{error_metric, mask_cutoffs, prepare, view};
+    use lodestream_shaders::scene_rows::ROW_BYTES;
     use lodestream_shaders::types::NO_MASK_CUTOFFS;
 
     let whole = [
@@ -341,6 +382,10 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("NODE_THREADS", prepare::NODE_THREADS as usize),
         ("RASTER_VERTICES", prepare::RASTER_VERTICES as usize),
         ("HIERARCHY_WIDTH", HIERARCHY_WIDTH),
+        ("ASSET_ROWS", size_of::<AssetRecord>() / ROW_BYTES),
+        ("CHILD_ROWS", size_of::<Child>() / ROW_BYTES),
+        ("GROUP_ROWS", size_of::<Group>() / ROW_BYTES),
+        ("MATERIAL_ROWS", size_of::<MaterialRecord>() / ROW_BYTES),
         ("LEAF_FLAG", LEAF_FLAG as usize),
         ("NO_CHILD", NO_CHILD as usize),
         ("NO_GROUP", NO_GROUP as usize),

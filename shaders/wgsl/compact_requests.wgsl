@@ -1,7 +1,7 @@
 // Page priorities to a dense list for the host, a thread a page.
 #import view
 
-@group(0) @binding(0) var<storage, read> view: View;
+@group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> page_priority: array<u32>;
 @group(0) @binding(2) var<storage, read_write> counters: Counters;
 @group(0) @binding(3) var<storage, read_write> requests: array<RequestRecord>;

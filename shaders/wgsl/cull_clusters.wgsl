@@ -1,22 +1,20 @@
-// Candidates to visible clusters, a thread a candidate.
+// Candidates to visible clusters, a thread a candidate. Visible ones lie behind the candidates.
 #import refine
 #import cluster
 
-@group(0) @binding(0) var<storage, read> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
-@group(0) @binding(3) var<storage, read> groups: array<Group>;
-@group(0) @binding(4) var<storage, read> page_table: array<u32>;
-@group(0) @binding(5) var<storage, read_write> counters: Counters;
-@group(0) @binding(6) var<storage, read> candidates: array<ClusterItem>;
-@group(0) @binding(7) var<storage, read_write> visible: array<ClusterItem>;
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(3) var<storage, read> page_table: array<u32>;
+@group(0) @binding(4) var<storage, read_write> counters: Counters;
+@group(0) @binding(5) var<storage, read_write> clusters: array<ClusterItem>;
 
 // Drawn: its own group refines, the one below does not. One loop over both, so that the compiler makes one code of it.
 fn in_cut(own: u32, below: u32, instance: InstanceRecord, asset: AssetRecord) -> bool {
     for (var step = 0u; step < 2u; step++) {
         let number = select(below, own, step == 0u);
         let exists = number != NO_GROUP;
-        let wanted = exists && refine(groups[asset.group_base + number], instance, asset.page_base);
+        let wanted = exists && refine(load_group(asset.group_base + number), instance, asset.page_base);
         if wanted != (step == 0u) {
             return false;
         }
@@ -33,9 +31,9 @@ fn cull_clusters(
     if index >= min(atomicLoad(&counters.candidate_count), view.cluster_capacity) {
         return;
     }
-    let item = candidates[index];
+    let item = clusters[index];
     let instance = instances[item.instance];
-    let asset = assets[instance.asset];
+    let asset = load_asset(instance.asset);
     let cluster = load_cluster(item.page_word, item.cluster);
     if !in_cut(cluster.group, cluster.child_group, instance, asset) {
         return;
@@ -48,6 +46,6 @@ fn cull_clusters(
     atomicAdd(&counters.triangles_drawn, cluster_triangle_count(cluster));
     let place = atomicAdd(&counters.visible_count, 1u);
     if place < view.cluster_capacity {
-        visible[place] = item;
+        clusters[view.cluster_capacity + place] = item;
     }
 }

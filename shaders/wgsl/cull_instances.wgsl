@@ -1,11 +1,12 @@
 // Instances in the frustum to root nodes, a thread an instance.
 #import view
+#import scene
 
-@group(0) @binding(0) var<storage, read> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
 @group(0) @binding(3) var<storage, read_write> counters: Counters;
-@group(0) @binding(4) var<storage, read_write> node_queue_out: array<NodeItem>;
+@group(0) @binding(4) var<storage, read_write> node_queues: array<NodeItem>;
 
 @compute @workgroup_size(64)
 fn cull_instances(
@@ -17,13 +18,13 @@ fn cull_instances(
         return;
     }
     let instance = instances[index];
-    let asset = assets[instance.asset];
+    let asset = load_asset(instance.asset);
     if !is_reference(view) && !aabb_in_frustum(instance, view, asset.aabb_min, asset.aabb_max, NODE_SLACK) {
         return;
     }
     atomicAdd(&counters.instances_drawn, 1u);
     let place = atomicAdd(&counters.next_node_count, 1u);
     if place < view.node_capacity {
-        node_queue_out[place] = NodeItem(index, 0u);
+        node_queues[node_out(counters.node_half, place)] = NodeItem(index, 0u);
     }
 }

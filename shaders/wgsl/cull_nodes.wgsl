@@ -1,26 +1,18 @@
 // One level of hierarchy nodes to the next level, to candidates and to streaming requests, a thread a child.
 #import refine
 
-@group(0) @binding(0) var<storage, read> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
-@group(0) @binding(3) var<storage, read> nodes: array<Node>;
-@group(0) @binding(4) var<storage, read> groups: array<Group>;
-@group(0) @binding(5) var<storage, read> parts: array<Part>;
-@group(0) @binding(6) var<storage, read> page_table: array<u32>;
-@group(0) @binding(7) var<storage, read_write> page_priority: array<atomic<u32>>;
-@group(0) @binding(8) var<storage, read_write> counters: Counters;
-@group(0) @binding(9) var<storage, read> node_queue_in: array<NodeItem>;
-@group(0) @binding(10) var<storage, read_write> node_queue_out: array<NodeItem>;
-@group(0) @binding(11) var<storage, read_write> candidates: array<ClusterItem>;
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(3) var<storage, read> page_table: array<u32>;
+@group(0) @binding(4) var<storage, read_write> page_priority: array<atomic<u32>>;
+@group(0) @binding(5) var<storage, read_write> counters: Counters;
+@group(0) @binding(6) var<storage, read_write> node_queues: array<NodeItem>;
+@group(0) @binding(7) var<storage, read_write> clusters: array<ClusterItem>;
 
 const HIERARCHY_WIDTH: u32 = 8u;
 const LEAF_FLAG: u32 = 0x80000000u;
 const NO_CHILD: u32 = 0xffffffffu;
-
-struct Node {
-    children: array<Child, 8>,
-}
 
 // Asks for every page of a group, installed or not: what is installed stays fresh. Two words a
 // page: the largest error of any group, and the sum of all errors, over all instances.
@@ -44,10 +36,10 @@ fn append_candidates(group: Group, asset: AssetRecord, instance: u32) {
     for (var part = 0u; part < group.part_count; part++) {
         let page = asset.page_base + group.first_page + part;
         let page_word = page_table[page];
-        let range = parts[asset.part_base + group.first_part + part];
+        let range = load_part(asset.part_base + group.first_part + part);
         for (var cluster = 0u; cluster < range.cluster_count; cluster++) {
             if place < view.cluster_capacity {
-                candidates[place] = ClusterItem(instance, page, range.first_cluster + cluster, page_word);
+                clusters[place] = ClusterItem(instance, page, range.first_cluster + cluster, page_word);
             }
             place++;
         }
@@ -79,13 +71,13 @@ fn cull_nodes(
     if item_index >= atomicLoad(&counters.node_count) {
         return;
     }
-    let item = node_queue_in[item_index];
+    let item = node_queues[counters.node_half * view.node_capacity + item_index];
     let instance = instances[item.instance];
-    let asset = assets[instance.asset];
+    let asset = load_asset(instance.asset);
     if thread % HIERARCHY_WIDTH == 0u {
         atomicAdd(&counters.nodes_visited, 1u);
     }
-    let child = nodes[asset.node_base + item.node].children[thread % HIERARCHY_WIDTH];
+    let child = load_child(asset.node_base + item.node, thread % HIERARCHY_WIDTH);
     if child.reference == NO_CHILD {
         return;
     }
@@ -95,7 +87,7 @@ fn cull_nodes(
         return;
     }
     if is_group {
-        let group = groups[asset.group_base + (child.reference & ~LEAF_FLAG)];
+        let group = load_group(asset.group_base + (child.reference & ~LEAF_FLAG));
         visit_group(group, asset, item.instance, instance);
         return;
     }
@@ -104,7 +96,7 @@ fn cull_nodes(
     if error_wanted(view, error, projected_px) {
         let place = atomicAdd(&counters.next_node_count, 1u);
         if place < view.node_capacity {
-            node_queue_out[place] = NodeItem(item.instance, child.reference);
+            node_queues[node_out(counters.node_half, place)] = NodeItem(item.instance, child.reference);
         }
     }
 }

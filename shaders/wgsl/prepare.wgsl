@@ -1,7 +1,7 @@
 // Counts to arguments of the next indirect command; one thread each.
 #import view
 
-@group(0) @binding(0) var<storage, read> view: View;
+@group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read_write> counters: Counters;
 @group(0) @binding(2) var<storage, read_write> args: IndirectArgs;
 
@@ -22,6 +22,7 @@ fn workgroups(items: u32, items_a_workgroup: u32) -> vec2<u32> {
 fn prepare_nodes() {
     let appended = atomicExchange(&counters.next_node_count, 0u);
     let count = min(appended, view.node_capacity);
+    counters.node_half = 1u - counters.node_half;
     atomicStore(&counters.node_count, count);
     atomicMax(&counters.node_count_max, appended);
     let size = workgroups(count, WORKGROUP_THREADS / NODE_THREADS);

@@ -2,7 +2,7 @@
 // one, because `color` is encoded already.
 #import types
 
-@group(0) @binding(0) var<storage, read> view: View;
+@group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> color: array<u32>;
 
 @vertex

@@ -7,10 +7,10 @@
 #import types
 #import fetch_vertex
 
-@group(0) @binding(0) var<storage, read> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
-@group(0) @binding(3) var<storage, read> visible: array<ClusterItem>;
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
 @group(0) @binding(4) var<storage, read_write> visbuffer: array<atomic<u64>>;
 
 struct Fragment {

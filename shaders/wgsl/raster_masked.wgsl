@@ -8,15 +8,12 @@
 #import material
 #import sample_texture
 
-@group(0) @binding(0) var<storage, read> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
-@group(0) @binding(3) var<storage, read> visible: array<ClusterItem>;
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
 @group(0) @binding(4) var<storage, read_write> visbuffer: array<atomic<u64>>;
-@group(0) @binding(5) var<storage, read> material_slots: array<u32>;
-@group(0) @binding(6) var<storage, read> materials: array<MaterialRecord>;
-@group(0) @binding(7) var<storage, read> texture_records: array<TextureRecord>;
-@group(0) @binding(8) var<storage, read> texels: array<u32>;
+@group(0) @binding(5) var<storage, read> texels: array<u32>;
 
 // How far below the cutoff alpha may come out of f32 arithmetic, and of the eight bits of a vertex.
 const ALPHA_SLACK: f32 = 0.000244140625;
@@ -34,17 +31,18 @@ struct Fragment {
 @vertex
 fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_index) visible_index: u32) -> Fragment {
     let corner = fetch_corner(visible_index, vertex_index);
-    let instance = instances[visible[visible_index].instance];
-    let asset = assets[instance.asset];
+    let instance = instances[visible_item(visible_index).instance];
+    let asset = load_asset(instance.asset);
     var fragment = Fragment(corner.clip, corner.id, 0u, instance.mirrored, vec2<f32>(0.0), 1.0);
     if corner.drawn == 0u {
         return fragment;
     }
     fragment.material = material_of(asset, corner.cluster, corner.triangle);
-    if (materials[fragment.material].flags & MATERIAL_MASK) != 0u {
+    let material = load_material(fragment.material);
+    if (material.flags & MATERIAL_MASK) != 0u {
         if cluster_has_uvs(corner.cluster) {
             let uv = cluster_uv(corner.cluster, corner.vertex, asset.uv_step);
-            fragment.uv = transform_uv(materials[fragment.material], vec3<f32>(uv, 1.0));
+            fragment.uv = transform_uv(material, vec3<f32>(uv, 1.0));
         }
         if cluster_has_colors(corner.cluster) {
             let alpha = cluster_color(corner.cluster, corner.vertex).a;
@@ -59,7 +57,7 @@ fn raster_fragment(fragment: Fragment, @builtin(front_facing) front_facing: bool
     // Derivatives first: they need every lane of the quad.
     let uv_dx = dpdx(fragment.uv);
     let uv_dy = dpdy(fragment.uv);
-    let material = materials[fragment.material];
+    let material = load_material(fragment.material);
     let front = front_facing != (fragment.mirrored != 0u);
     if !front && (material.flags & MATERIAL_DOUBLE_SIDED) == 0u {
         return;
@@ -68,7 +66,7 @@ fn raster_fragment(fragment: Fragment, @builtin(front_facing) front_facing: bool
         var alpha = material.base_color.a * fragment.alpha;
         var cutoff = material.alpha_cutoff;
         if material.texture != NO_TEXTURE {
-            let record = texture_records[material.texture];
+            let record = load_texture_record(material.texture);
             let lod = texture_lod(record, uv_dx, uv_dy);
             let cut = mask_cutoff(material, lod);
             cutoff = cut.x;

@@ -1,12 +1,13 @@
-// Fragments a pixel, for the overdraw picture alone. Drawn like `raster`.
+// Fragments a pixel, for the overdraw picture alone: `shade` turns the counts into colours in place.
+// Drawn like `raster`.
 #import types
 #import fetch_vertex
 
-@group(0) @binding(0) var<storage, read> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
-@group(0) @binding(3) var<storage, read> visible: array<ClusterItem>;
-@group(0) @binding(4) var<storage, read_write> fragment_counts: array<atomic<u32>>;
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
+@group(0) @binding(4) var<storage, read_write> color: array<atomic<u32>>;
 
 @vertex
 fn raster_vertex(
@@ -18,5 +19,5 @@ fn raster_vertex(
 
 @fragment
 fn raster_fragment(@invariant @builtin(position) position: vec4<f32>) {
-    atomicAdd(&fragment_counts[pixel_index(position)], 1u);
+    atomicAdd(&color[pixel_index(position)], 1u);
 }

@@ -1,27 +1,23 @@
 // Visbuffer to colours, a thread a pixel: dispatch ceil(width / 8) x ceil(height / 8) workgroups.
 //
 // The id names the triangle; its attributes are fetched and interpolated here, with analytic derivatives for the texture.
-// `color` gets sRGB bytes, RGBA from the low byte, alpha 255.
+// `color` gets sRGB bytes, RGBA from the low byte, alpha 255. In overdraw mode it holds the fragment
+// counts before.
 #import types
 #import surface
 #import srgb
 #import light
 #import false_color
 
-@group(0) @binding(0) var<storage, read> view: View;
-@group(0) @binding(1) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(2) var<storage, read> assets: array<AssetRecord>;
-@group(0) @binding(3) var<storage, read> visible: array<ClusterItem>;
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
 // x is the id, y the depth's bits: the two halves of the u64 that `raster` wrote.
 @group(0) @binding(4) var<storage, read> visbuffer: array<vec2<u32>>;
-@group(0) @binding(5) var<storage, read> material_slots: array<u32>;
-@group(0) @binding(6) var<storage, read> materials: array<MaterialRecord>;
-@group(0) @binding(7) var<storage, read> texture_records: array<TextureRecord>;
-@group(0) @binding(8) var<storage, read> texels: array<u32>;
-// As long as the visbuffer in overdraw mode; else any length.
-@group(0) @binding(9) var<storage, read> fragment_counts: array<u32>;
-@group(0) @binding(10) var<storage, read_write> color: array<u32>;
-@group(0) @binding(11) var<storage, read_write> counters: Counters;
+@group(0) @binding(5) var<storage, read> texels: array<u32>;
+@group(0) @binding(6) var<storage, read_write> color: array<u32>;
+@group(0) @binding(7) var<storage, read_write> counters: Counters;
 
 // ShadeMode of types.rs.
 const MODE_SHADED: u32 = 0u;
@@ -55,8 +51,8 @@ fn note_rounding(word: vec2<u32>, pixel: vec2<u32>) {
     if word.y == 0u {
         return;
     }
-    let instance = instances[visible[word.x >> TRIANGLE_BITS].instance];
-    let moved = ROUNDING_STEPS * assets[instance.asset].position_step * instance.max_scale;
+    let instance = instances[visible_item(word.x >> TRIANGLE_BITS).instance];
+    let moved = ROUNDING_STEPS * load_asset(instance.asset).position_step * instance.max_scale;
     let depth = view.near_metres / bitcast<f32>(word.y);
     // Of the pixel's ray, as in `error_metric`.
     let size = vec2<f32>(view.size_px);
@@ -71,7 +67,7 @@ fn note_rounding(word: vec2<u32>, pixel: vec2<u32>) {
 fn pixel_color(index: u32, pixel: vec2<u32>) -> u32 {
     let word = visbuffer[index];
     if view.shade_mode == MODE_OVERDRAW {
-        return overdraw_color(fragment_counts[index]);
+        return overdraw_color(color[index]);
     }
     if word.y == 0u {
         return background(pixel.y);
@@ -88,7 +84,7 @@ fn pixel_color(index: u32, pixel: vec2<u32>) -> u32 {
             return hash_color(cluster_number(surface));
         }
         case MODE_GROUPS: {
-            let asset = assets[instances[surface.item.instance].asset];
+            let asset = load_asset(instances[surface.item.instance].asset);
             return hash_color(asset.group_base + surface.cluster.group);
         }
         case MODE_LEVELS: {
@@ -113,7 +109,7 @@ fn pixel_color(index: u32, pixel: vec2<u32>) -> u32 {
 }
 
 fn shaded_color(surface: Surface) -> u32 {
-    let material = materials[surface.material];
+    let material = load_material(surface.material);
     if (material.flags & MATERIAL_UNLIT) != 0u {
         return pack_color(srgb_from_linear(min(surface.base_color, vec3<f32>(1.0))));
     }

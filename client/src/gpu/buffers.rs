@@ -4,15 +4,21 @@
 use std::collections::BTreeMap;
 
 use bytemuck::Pod;
-use lodestream_shaders::SceneArrays;
 use lodestream_shaders::cpu::error_metric::RequestWords;
+use lodestream_shaders::scene_rows::FirstRows;
 use lodestream_shaders::types::{
     ClusterItem, Counters, IndirectArgs, NodeItem, RequestRecord, TRIANGLE_BITS, View,
 };
+use lodestream_shaders::{SceneArrays, SceneRows};
 use wgpu::BufferUsages;
 
 use super::device::Gpu;
 use super::error::GpuError;
+
+/// Both halves of the node queues, an item of capacity.
+const NODE_ITEM_BYTES: usize = 2 * size_of::<NodeItem>();
+/// Candidates and visible clusters, an item of capacity.
+const CLUSTER_ITEM_BYTES: usize = 2 * size_of::<ClusterItem>();
 
 /// No buffer is smaller: a binding must hold at least one element of what it is declared as.
 const SMALLEST_BYTES: u64 = 256;
@@ -58,9 +64,9 @@ pub fn upload<T: Pod>(gpu: &Gpu, name: &str, values: &[T]) -> Result<wgpu::Buffe
 /// How large the frame's queues are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Capacities {
-    /// Items of each node queue.
+    /// Items of each half of the node queues.
     pub nodes: u32,
-    /// Candidates, and visible clusters.
+    /// Candidates, and visible clusters, each.
     pub clusters: u32,
 }
 
@@ -95,12 +101,12 @@ impl Capacities {
         let bindable = |bytes: usize| gpu.max_binding_bytes() / bytes as u64;
         // A visbuffer id has 32 bits for the visible cluster and its triangle.
         let numbered = 1u64 << (32 - TRIANGLE_BITS);
-        let most_clusters = bindable(size_of::<ClusterItem>()).min(numbered);
+        let most_clusters = bindable(CLUSTER_ITEM_BYTES).min(numbered);
         Ok(Self {
             nodes: double(
                 self.nodes,
                 counters.node_count_max,
-                bindable(size_of::<NodeItem>()),
+                bindable(NODE_ITEM_BYTES),
                 "hierarchy nodes a level",
             )?,
             clusters: double(self.clusters, clusters, most_clusters, "clusters a frame")?,
@@ -112,24 +118,21 @@ impl Capacities {
 #[derive(Debug)]
 pub struct Buffers {
     by_name: BTreeMap<&'static str, wgpu::Buffer>,
+    rows: FirstRows,
     capacities: Capacities,
     size_px: [u32; 2],
-    counts_fragments: bool,
 }
 
-/// The buffers under the names of one pass: aliases first, then the pool, then the rest.
+/// The buffers under the names that the passes bind, the pool's among them.
 #[derive(Debug)]
 pub struct Named<'a> {
     buffers: &'a Buffers,
     pool: &'a [wgpu::Buffer],
-    aliases: &'a [(&'a str, &'a str)],
 }
 
 impl<'a> Named<'a> {
     /// The buffer bound as `name`.
     pub fn get(&self, name: &str) -> Option<&'a wgpu::Buffer> {
-        let alias = self.aliases.iter().find(|(from, _)| *from == name);
-        let name = alias.map_or(name, |(_, to)| to);
         match name.strip_prefix("pool_").map(str::parse::<usize>) {
             Some(Ok(index)) => self.pool.get(index),
             _ => self.buffers.by_name.get(name),
@@ -142,15 +145,8 @@ impl Buffers {
     pub fn new(gpu: &Gpu, arrays: &SceneArrays, size_px: [u32; 2]) -> Result<Self, GpuError> {
         let mut by_name = BTreeMap::new();
         by_name.insert("instances", upload(gpu, "instances", &arrays.instances)?);
-        by_name.insert("assets", upload(gpu, "assets", &arrays.assets)?);
-        by_name.insert("nodes", upload(gpu, "nodes", &arrays.nodes)?);
-        by_name.insert("groups", upload(gpu, "groups", &arrays.groups)?);
-        by_name.insert("parts", upload(gpu, "parts", &arrays.parts)?);
-        by_name.insert(
-            "material_slots",
-            upload(gpu, "material_slots", &arrays.material_slots)?,
-        );
-        by_name.insert("materials", upload(gpu, "materials", &arrays.materials)?);
+        let rows = SceneRows::new(arrays, &arrays.materials, &[]);
+        by_name.insert("scene", upload(gpu, "scene", &rows.rows)?);
         by_name.insert(
             "page_table",
             upload(gpu, "page_table", &arrays.empty_page_table())?,
@@ -164,20 +160,18 @@ impl Buffers {
         let none = BufferUsages::empty();
         frame("page_priority", pages * size_of::<RequestWords>(), none)?;
         frame("requests", pages * size_of::<RequestRecord>(), none)?;
-        frame("view", size_of::<View>(), none)?;
+        frame("view", size_of::<View>(), BufferUsages::UNIFORM)?;
         frame("counters", size_of::<Counters>(), none)?;
         frame("args", size_of::<IndirectArgs>(), BufferUsages::INDIRECT)?;
-        frame("texture_records", 0, none)?;
         frame("texels", 0, none)?;
-        frame("fragment_counts", 0, none)?;
         let mut buffers = Self {
             by_name,
+            rows: rows.first,
             capacities: Capacities {
                 nodes: 0,
                 clusters: 0,
             },
             size_px: [0; 2],
-            counts_fragments: false,
         };
         // Whatever happens later, every instance's root node finds room.
         let mut capacities = Capacities::default();
@@ -188,17 +182,22 @@ impl Buffers {
         Ok(buffers)
     }
 
-    /// The buffers as a pass names them; `aliases` maps a pass's name to a buffer's.
-    pub fn named<'a>(
-        &'a self,
-        pool: &'a [wgpu::Buffer],
-        aliases: &'a [(&'a str, &'a str)],
-    ) -> Named<'a> {
-        Named {
-            buffers: self,
-            pool,
-            aliases,
-        }
+    /// These buffers and the pool's.
+    pub fn named<'a>(&'a self, pool: &'a [wgpu::Buffer]) -> Named<'a> {
+        let buffers = self;
+        Named { buffers, pool }
+    }
+
+    /// Replaces the scene's rows.
+    pub fn set_rows(&mut self, gpu: &Gpu, rows: &SceneRows) -> Result<(), GpuError> {
+        self.rows = rows.first;
+        self.replace("scene", upload(gpu, "scene", &rows.rows)?);
+        Ok(())
+    }
+
+    /// First row of each kind of record in the scene's rows.
+    pub fn first_rows(&self) -> FirstRows {
+        self.rows
     }
 
     /// The buffer of that name.
@@ -219,6 +218,11 @@ impl Buffers {
         self.capacities
     }
 
+    /// First byte of the visible clusters in `clusters`: they lie behind the candidates.
+    pub fn visible_offset(&self) -> u64 {
+        self.capacities.clusters as u64 * size_of::<ClusterItem>() as u64
+    }
+
     /// Width and height of the picture.
     pub fn size_px(&self) -> [u32; 2] {
         self.size_px
@@ -228,16 +232,14 @@ impl Buffers {
     pub fn set_capacities(&mut self, gpu: &Gpu, capacities: Capacities) -> Result<(), GpuError> {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         if capacities.nodes != self.capacities.nodes {
-            let bytes = capacities.nodes as u64 * size_of::<NodeItem>() as u64;
-            for name in ["node_queue_0", "node_queue_1"] {
-                self.by_name.insert(name, create(gpu, name, bytes, usage)?);
-            }
+            let bytes = NODE_ITEM_BYTES as u64 * capacities.nodes as u64;
+            let queues = create(gpu, "node_queues", bytes, usage)?;
+            self.by_name.insert("node_queues", queues);
         }
         if capacities.clusters != self.capacities.clusters {
-            let bytes = capacities.clusters as u64 * size_of::<ClusterItem>() as u64;
-            for name in ["candidates", "visible"] {
-                self.by_name.insert(name, create(gpu, name, bytes, usage)?);
-            }
+            let bytes = CLUSTER_ITEM_BYTES as u64 * capacities.clusters as u64;
+            let clusters = create(gpu, "clusters", bytes, usage)?;
+            self.by_name.insert("clusters", clusters);
         }
         self.capacities = capacities;
         Ok(())
@@ -255,23 +257,6 @@ impl Buffers {
                 .insert(name, create(gpu, name, pixels * bytes, usage)?);
         }
         self.size_px = size_px;
-        let counted = std::mem::take(&mut self.counts_fragments);
-        if counted {
-            self.count_fragments(gpu)
-        } else {
-            Ok(())
-        }
-    }
-
-    /// Makes room for the fragment counts, which only the overdraw picture needs.
-    pub fn count_fragments(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
-        if !self.counts_fragments {
-            let bytes = self.size_px[0] as u64 * self.size_px[1] as u64 * 4;
-            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-            let buffer = create(gpu, "fragment_counts", bytes, usage)?;
-            self.by_name.insert("fragment_counts", buffer);
-            self.counts_fragments = true;
-        }
         Ok(())
     }
 }

@@ -76,12 +76,10 @@ impl Gpu {
         Ok((gpu, adapter))
     }
 
-    /// A device that computes nothing but validates everything: pipelines are checked on it where no adapter is.
+    /// A device that computes nothing but validates everything, within the limits that every WebGPU
+    /// adapter has: pipelines are checked on it where no adapter is.
     pub fn noop() -> Self {
-        let limits = wgpu::Limits {
-            max_storage_buffers_per_shader_stage: 32,
-            ..wgpu::Limits::default()
-        };
+        let limits = wgpu::Limits::default();
         let (device, queue) = wgpu::Device::noop(&wgpu::DeviceDescriptor {
             label: Some("noop"),
             required_features: REQUIRED_FEATURES,

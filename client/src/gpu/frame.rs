@@ -51,6 +51,18 @@ impl Passes {
         }
     }
 
+    /// Clears the visbuffer, and the colours where the overdraw picture counts in them.
+    pub fn clear_picture(&self, encoder: &mut wgpu::CommandEncoder, buffers: &Buffers) {
+        encoder.clear_buffer(buffers.get("visbuffer"), 0, None);
+        if self
+            .picture
+            .iter()
+            .any(|(raster, _)| raster.counts_fragments())
+        {
+            encoder.clear_buffer(buffers.get("color"), 0, None);
+        }
+    }
+
     /// Colours of what lies in the visbuffer already.
     pub fn record_shade(&self, recorder: &mut Recorder<'_>) {
         if let Some((_, shade)) = &self.picture {
@@ -72,9 +84,7 @@ pub fn record(recorder: &mut Recorder<'_>, passes: &Passes, buffers: &Buffers, w
     // Requests are written while nodes are visited: for what is installed and for what is not.
     passes.cull.record_nodes(recorder);
     if work == Work::Picture {
-        for name in ["visbuffer", "fragment_counts"] {
-            recorder.encoder.clear_buffer(buffers.get(name), 0, None);
-        }
+        passes.clear_picture(&mut recorder.encoder, buffers);
         passes.cull.record_clusters(recorder);
         passes.record_picture(recorder);
         passes.record_shade(recorder);

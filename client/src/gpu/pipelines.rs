@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use lodestream_shaders::passes::{Pass, PoolAccess, PoolBindings};
+use lodestream_shaders::passes::{Pass, PoolBindings};
 
-use super::bindings::{Layout, layout};
+use super::bindings::{Layout, Stages, layout};
 use super::buffers::Named;
 use super::device::Gpu;
 use super::error::GpuError;
@@ -87,9 +87,6 @@ impl Pipelines {
         let built = self.get(pass, target)?;
         let mut entries = Vec::new();
         for (binding, name) in built.layout.names.iter().enumerate() {
-            if name.is_empty() {
-                continue;
-            }
             let buffer = buffers.get(name).ok_or_else(|| GpuError::Pass {
                 pass: pass.name,
                 reason: format!("no buffer named {name}"),
@@ -122,17 +119,8 @@ impl Pipelines {
         target: Option<wgpu::TextureFormat>,
     ) -> Result<BuiltPass, GpuError> {
         let source = pass.source(self.pool);
-        let draws = pass.entry_points.len() == 2;
-        let stages = match draws {
-            true => wgpu::ShaderStages::VERTEX_FRAGMENT,
-            false => wgpu::ShaderStages::COMPUTE,
-        };
-        let mut expected: Vec<String> = pass.bindings.iter().map(|&name| name.to_owned()).collect();
-        if pass.pool != PoolAccess::None {
-            expected.extend((0..self.pool.count).map(|index| format!("pool_{index}")));
-        }
-        let expected: Vec<_> = expected.iter().map(String::as_str).collect();
-        let layout = layout(&self.gpu, pass.name, &source, &expected, stages)?;
+        let draws = pass.stages() == wgpu::ShaderStages::VERTEX_FRAGMENT;
+        let layout = layout(&self.gpu, pass, self.pool)?;
         let wrong = |reason| GpuError::Pass {
             pass: pass.name,
             reason,

@@ -3,9 +3,11 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use lodestream_shaders::SceneArrays;
 use lodestream_shaders::cpu::prepare::RASTER_VERTICES;
-use lodestream_shaders::types::{ClusterItem, IndirectArgs, NOT_INSTALLED, ShadeMode, View};
+use lodestream_shaders::types::{
+    ClusterItem, IndirectArgs, MaterialRecord, NOT_INSTALLED, ShadeMode, TextureRecord, View,
+};
+use lodestream_shaders::{SceneArrays, SceneRows};
 
 use super::buffers::{Buffers, Capacities};
 use super::device::Gpu;
@@ -105,9 +107,6 @@ impl Renderer {
     /// What the picture shows.
     pub fn set_mode(&mut self, mode: ShadeMode) -> Result<(), GpuError> {
         let overdraw = mode == ShadeMode::Overdraw;
-        if overdraw {
-            self.buffers.count_fragments(&self.gpu)?;
-        }
         if overdraw != (self.mode == ShadeMode::Overdraw) {
             self.unbind();
         }
@@ -133,17 +132,17 @@ impl Renderer {
         Ok(())
     }
 
-    /// Textures made elsewhere, under the names that the passes bind.
+    /// Textures made elsewhere, and the materials that use them.
     pub fn set_textures(
         &mut self,
-        records: wgpu::Buffer,
+        records: &[TextureRecord],
         texels: wgpu::Buffer,
-        materials: wgpu::Buffer,
-    ) {
+        materials: &[MaterialRecord],
+    ) -> Result<(), GpuError> {
         self.unbind();
-        self.buffers.replace("texture_records", records);
         self.buffers.replace("texels", texels);
-        self.buffers.replace("materials", materials);
+        let rows = SceneRows::new(&self.arrays, materials, records);
+        self.buffers.set_rows(&self.gpu, &rows)
     }
 
     fn unbind(&mut self) {
@@ -263,13 +262,15 @@ impl Renderer {
         Ok(())
     }
 
-    /// Clears the visbuffer.
-    pub fn clear_visbuffer(&mut self) {
+    /// Clears the visbuffer, and the fragment counts in overdraw mode.
+    pub fn clear_visbuffer(&mut self) -> Result<(), GpuError> {
+        self.bind(Work::Picture)?;
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        for name in ["visbuffer", "fragment_counts"] {
-            encoder.clear_buffer(self.buffers.get(name), 0, None);
+        if let Some(passes) = &self.passes[Work::Picture as usize] {
+            passes.clear_picture(&mut encoder, &self.buffers);
         }
         self.gpu.queue.submit([encoder.finish()]);
+        Ok(())
     }
 
     /// Rasterizes `items` into the visbuffer as it is: no culling, no level of detail.
@@ -284,7 +285,9 @@ impl Renderer {
             offset as u64,
             bytemuck::cast_slice(&args),
         );
-        queue.write_buffer(self.buffers.get("visible"), 0, bytemuck::cast_slice(items));
+        let visible = self.buffers.visible_offset();
+        let bytes = bytemuck::cast_slice(items);
+        queue.write_buffer(self.buffers.get("clusters"), visible, bytes);
         self.submit(|passes, recorder| passes.record_picture(recorder));
         Ok(())
     }
@@ -322,6 +325,11 @@ impl Renderer {
         self.buffers.get(name)
     }
 
+    /// First byte of the visible clusters in `clusters`.
+    pub fn visible_offset(&self) -> u64 {
+        self.buffers.visible_offset()
+    }
+
     /// Overwrites the buffer that the passes bind as `name`, from its first byte on.
     pub fn write_buffer(&self, name: &str, bytes: &[u8]) {
         self.gpu
@@ -345,7 +353,8 @@ impl Renderer {
             cluster_capacity: capacities.clusters,
             request_capacity: self.arrays.page_count,
             ..*view
-        };
+        }
+        .with_rows(self.buffers.first_rows());
         self.gpu
             .queue
             .write_buffer(self.buffers.get("view"), 0, bytemuck::bytes_of(&view));

@@ -12,14 +12,26 @@ const PIECE_BYTES: u64 = 64 << 20;
 
 /// The first `count` elements of `buffer`, or as many as it has.
 pub fn read<T: Pod>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
+    read_at(gpu, buffer, 0, count)
+}
+
+/// [`read`] from byte `start` on.
+fn read_at<T: Pod>(
+    gpu: &Gpu,
+    buffer: &wgpu::Buffer,
+    start: u64,
+    count: usize,
+) -> Result<Vec<T>, GpuError> {
     let failed = |reason: String| GpuError::Device(format!("readback of a buffer: {reason}"));
-    let bytes = ((count * size_of::<T>()) as u64).min(buffer.size());
+    let bytes = ((count * size_of::<T>()) as u64).min(buffer.size() - start);
     let mut values = vec![T::zeroed(); bytes as usize / size_of::<T>()];
     let target: &mut [u8] = bytemuck::cast_slice_mut(&mut values);
     let mut offset = 0;
     while offset < target.len() as u64 {
         let wanted = (target.len() as u64 - offset).min(PIECE_BYTES);
-        let size = wanted.next_multiple_of(4).min(buffer.size() - offset);
+        let size = wanted
+            .next_multiple_of(4)
+            .min(buffer.size() - start - offset);
         let piece = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("snapshot"),
             size,
@@ -27,7 +39,7 @@ pub fn read<T: Pod>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usize) -> Result<Ve
             mapped_at_creation: false,
         });
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(buffer, offset, &piece, 0, size);
+        encoder.copy_buffer_to_buffer(buffer, start + offset, &piece, 0, size);
         gpu.queue.submit([encoder.finish()]);
         piece.map_async(wgpu::MapMode::Read, .., |_| {});
         gpu.wait()?;
@@ -61,7 +73,8 @@ impl Renderer {
     pub fn read_visible(&self) -> Result<Vec<ClusterItem>, GpuError> {
         let count = self.read_counters()?.visible_count;
         let count = count.min(self.capacities().clusters) as usize;
-        read(&self.gpu, self.buffer("visible"), count)
+        let start = self.visible_offset();
+        read_at(&self.gpu, self.buffer("clusters"), start, count)
     }
 
     /// The words of all textures' mips.

@@ -6,7 +6,7 @@ use lodestream_shaders::cpu::mask_cutoffs::{has_mask_cutoffs, mask_cutoffs, plac
 use lodestream_shaders::cpu::texture::{Layout, mip_words};
 use lodestream_shaders::types::{MaterialRecord, NO_MASK_CUTOFFS};
 
-use super::buffers::{create, upload};
+use super::buffers::create;
 use super::device::Gpu;
 use super::error::GpuError;
 use super::renderer::Renderer;
@@ -157,9 +157,7 @@ impl TextureUpload {
 
     /// Hands the textures to the renderer.
     pub fn finish(self, renderer: &mut Renderer) -> Result<Layout, GpuError> {
-        let records = upload(&self.gpu, "texture_records", &self.layout.records)?;
-        let materials = upload(&self.gpu, "materials", &self.materials)?;
-        renderer.set_textures(records, self.texels, materials);
+        renderer.set_textures(&self.layout.records, self.texels, &self.materials)?;
         Ok(self.layout)
     }
 }

@@ -13,6 +13,7 @@ pub const RASTER_VERTICES: u32 = 3 * MAX_CLUSTER_TRIANGLES as u32;
 /// The next level's count becomes this level's.
 pub fn prepare_nodes(view: &View, counters: &mut Counters, args: &mut IndirectArgs) {
     let appended = std::mem::take(&mut counters.next_node_count);
+    counters.node_half = 1 - counters.node_half;
     counters.node_count = appended.min(view.node_capacity);
     counters.node_count_max = counters.node_count_max.max(appended);
     args.nodes = workgroups(counters.node_count, WORKGROUP_THREADS / NODE_THREADS);

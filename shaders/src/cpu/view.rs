@@ -208,7 +208,12 @@ impl Camera {
             cluster_capacity: 0,
             request_capacity: 0,
             corner_secant: lodestream_format::bounds::round_up(corner_secant),
-            spare: [0; 2],
+            node_row: 0,
+            group_row: 0,
+            part_row: 0,
+            slot_row: 0,
+            material_row: 0,
+            texture_row: 0,
         }
     }
 }

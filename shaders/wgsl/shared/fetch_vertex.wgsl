@@ -1,6 +1,7 @@
 // A visible cluster and a vertex index to clip space, for the vertex stages of the raster passes.
-// Reads `view`, `instances`, `assets` and `visible`, which each of them declares.
+// Reads `view`, `scene`, `instances` and `clusters`, which each of them declares.
 #import types
+#import scene
 #import view
 #import cluster
 
@@ -15,13 +16,18 @@ struct Corner {
     drawn: u32,
 }
 
+// Visible clusters lie behind the candidates.
+fn visible_item(visible_index: u32) -> ClusterItem {
+    return clusters[view.cluster_capacity + visible_index];
+}
+
 fn clip_from_local(instance: InstanceRecord, local: vec3<f32>) -> vec4<f32> {
     return view.clip_from_rel * vec4<f32>(rel_from_local(instance, view, local), 1.0);
 }
 
 // Every cluster is drawn with 384 vertices; the triangles that it lacks collapse into one point and cover nothing.
 fn fetch_corner(visible_index: u32, vertex_index: u32) -> Corner {
-    let item = visible[visible_index];
+    let item = visible_item(visible_index);
     var corner: Corner;
     corner.cluster = load_cluster(item.page_word, item.cluster);
     corner.triangle = vertex_index / 3u;
@@ -30,7 +36,7 @@ fn fetch_corner(visible_index: u32, vertex_index: u32) -> Corner {
     if corner.triangle < cluster_triangle_count(corner.cluster) {
         let instance = instances[item.instance];
         corner.vertex = strip_corner(corner.cluster.strips, corner.triangle, vertex_index % 3u);
-        let step = assets[instance.asset].position_step;
+        let step = load_asset(instance.asset).position_step;
         corner.clip = clip_from_local(instance, cluster_position_local(corner.cluster, corner.vertex, step));
         corner.drawn = 1u;
     }

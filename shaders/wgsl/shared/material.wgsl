@@ -1,5 +1,6 @@
-// Materials: flags (types.rs, `material_flag`), lookup by triangle, texture transform. Reads `material_slots`.
+// Materials: flags (types.rs, `material_flag`), lookup by triangle, texture transform. 
 #import types
+#import scene
 #import cluster
 
 const MATERIAL_DOUBLE_SIDED: u32 = 1u;
@@ -14,7 +15,7 @@ const NO_TEXTURE: u32 = 0xffffffffu;
 const NO_MASK_CUTOFFS: u32 = 0xffffffffu;
 
 fn material_of(asset: AssetRecord, cluster: Cluster, triangle: u32) -> u32 {
-    return material_slots[asset.material_base + cluster_material_slot(cluster, triangle)];
+    return load_material_slot(asset.material_base + cluster_material_slot(cluster, triangle));
 }
 
 // `uv.z` is 1 for a point, 0 for a derivative.

@@ -1,5 +1,6 @@
-// The one refinement predicate. Needs the bindings `view`, `page_table` and `groups`.
+// The one refinement predicate. Needs the bindings `view`, `scene` and `page_table`.
 #import error_metric
+#import scene
 
 // Whether all pages of a group are installed; `page_base` is its asset's first page.
 fn group_installed(group: Group, page_base: u32) -> bool {

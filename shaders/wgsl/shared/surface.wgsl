@@ -1,5 +1,4 @@
-// What a visbuffer id shows at a pixel. Reads `view`, `instances`, `assets`, `visible`, `material_slots`, `materials`,
-// `texture_records`, `texels`.
+// The surface of a visbuffer id at a pixel. Reads `view`, `scene`, `instances`, `clusters`, `texels`.
 #import types
 #import fetch_vertex
 #import material
@@ -22,11 +21,11 @@ struct Surface {
 
 fn load_surface(id: u32, pixel: vec2<u32>) -> Surface {
     var surface: Surface;
-    surface.item = visible[id >> TRIANGLE_BITS];
+    surface.item = visible_item(id >> TRIANGLE_BITS);
     surface.triangle = id & ((1u << TRIANGLE_BITS) - 1u);
     surface.cluster = load_cluster(surface.item.page_word, surface.item.cluster);
     let instance = instances[surface.item.instance];
-    let asset = assets[instance.asset];
+    let asset = load_asset(instance.asset);
     let corners = cluster_triangle(surface.cluster, surface.triangle);
     let a = cluster_position_local(surface.cluster, corners.x, asset.position_step);
     let b = cluster_position_local(surface.cluster, corners.y, asset.position_step);
@@ -101,7 +100,7 @@ fn surface_color(
     place: Barycentric,
     material_index: u32,
 ) -> vec3<f32> {
-    let material = materials[material_index];
+    let material = load_material(material_index);
     var color = material.base_color.rgb;
     if cluster_has_colors(cluster) {
         let a = cluster_color(cluster, corners.x).rgb;
@@ -118,7 +117,7 @@ fn surface_color(
         let uv_dx = ab * place.weights_dx.y + ac * place.weights_dx.z;
         let uv_dy = ab * place.weights_dy.y + ac * place.weights_dy.z;
         color *= sample_texture(
-            texture_records[material.texture],
+            load_texture_record(material.texture),
             material.flags,
             transform_uv(material, vec3<f32>(uv, 1.0)),
             transform_uv(material, vec3<f32>(uv_dx, 0.0)),

@@ -19,8 +19,12 @@ struct View {
     cluster_capacity: u32,
     request_capacity: u32,
     corner_secant: f32,
-    spare_0: u32,
-    spare_1: u32,
+    node_row: u32,
+    group_row: u32,
+    part_row: u32,
+    slot_row: u32,
+    material_row: u32,
+    texture_row: u32,
 }
 
 struct InstanceRecord {
@@ -107,8 +111,8 @@ struct Counters {
     triangles_drawn: atomic<u32>,
     node_count_max: atomic<u32>,
     rounding_px_bits: atomic<u32>,
-    spare_0: u32,
-    spare_1: u32,
+    node_half: u32,
+    spare: u32,
 }
 
 struct IndirectArgs {

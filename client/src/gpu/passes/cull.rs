@@ -16,8 +16,7 @@ use crate::gpu::recorder::{Recorder, workgroups};
 pub struct Cull {
     cull_instances: Bound,
     prepare_nodes: Bound,
-    /// By the parity of the level: the queues swap.
-    cull_nodes: [Bound; 2],
+    cull_nodes: Bound,
     clusters: Option<Clusters>,
     instance_count: u32,
     depth: u32,
@@ -34,32 +33,18 @@ struct Clusters {
 impl Cull {
     /// Binds the passes; `draws` adds those between the nodes and the rasterizer.
     pub fn new(parts: &mut Parts<'_>, arrays: &SceneArrays, draws: bool) -> Result<Self, GpuError> {
-        let even = [
-            ("node_queue_in", "node_queue_0"),
-            ("node_queue_out", "node_queue_1"),
-        ];
-        let odd = [
-            ("node_queue_in", "node_queue_1"),
-            ("node_queue_out", "node_queue_0"),
-        ];
         let clusters = match draws {
             true => Some(Clusters {
-                prepare_clusters: parts.bind(&passes::PREPARE_CLUSTERS, &[])?,
-                cull_clusters: parts.bind(&passes::CULL_CLUSTERS, &[])?,
-                prepare_raster: parts.bind(&passes::PREPARE_RASTER, &[])?,
+                prepare_clusters: parts.bind(&passes::PREPARE_CLUSTERS)?,
+                cull_clusters: parts.bind(&passes::CULL_CLUSTERS)?,
+                prepare_raster: parts.bind(&passes::PREPARE_RASTER)?,
             }),
             false => None,
         };
         Ok(Self {
-            cull_instances: parts.bind(
-                &passes::CULL_INSTANCES,
-                &[("node_queue_out", "node_queue_0")],
-            )?,
-            prepare_nodes: parts.bind(&passes::PREPARE_NODES, &[])?,
-            cull_nodes: [
-                parts.bind(&passes::CULL_NODES, &even)?,
-                parts.bind(&passes::CULL_NODES, &odd)?,
-            ],
+            cull_instances: parts.bind(&passes::CULL_INSTANCES)?,
+            prepare_nodes: parts.bind(&passes::PREPARE_NODES)?,
+            cull_nodes: parts.bind(&passes::CULL_NODES)?,
             clusters,
             instance_count: arrays.instances.len() as u32,
             depth: arrays.depth,
@@ -73,10 +58,10 @@ impl Cull {
             dispatches.run(&self.cull_instances, workgroups(self.instance_count));
         });
         recorder.compute("cull_nodes", |dispatches| {
-            for level in 0..self.depth {
+            for _ in 0..self.depth {
                 dispatches.run(&self.prepare_nodes, [1, 1, 1]);
-                let pass = &self.cull_nodes[level as usize % 2];
-                dispatches.run_indirect(pass, &self.args, offset_of!(IndirectArgs, nodes));
+                let offset = offset_of!(IndirectArgs, nodes);
+                dispatches.run_indirect(&self.cull_nodes, &self.args, offset);
             }
         });
     }

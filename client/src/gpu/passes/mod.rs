@@ -36,9 +36,7 @@ impl Parts<'_> {
     fn bind(
         &mut self,
         pass: &lodestream_shaders::passes::Pass,
-        aliases: &[(&str, &str)],
     ) -> Result<super::pipelines::Bound, GpuError> {
-        self.pipelines
-            .bind(pass, &self.buffers.named(self.pool, aliases))
+        self.pipelines.bind(pass, &self.buffers.named(self.pool))
     }
 }

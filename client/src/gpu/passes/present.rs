@@ -16,7 +16,7 @@ pub struct Present {
 impl Present {
     /// Binds the pass for a surface of `format`.
     pub fn new(parts: &mut Parts<'_>, format: wgpu::TextureFormat) -> Result<Self, GpuError> {
-        let named = parts.buffers.named(parts.pool, &[]);
+        let named = parts.buffers.named(parts.pool);
         let present = parts
             .pipelines
             .bind_to(&passes::PRESENT, Some(format), &named)?;

@@ -57,14 +57,19 @@ impl Raster {
             view_formats: &[],
         });
         Ok(Self {
-            raster: parts.bind(pass, &[])?,
+            raster: parts.bind(pass)?,
             raster_overdraw: match overdraw {
-                true => Some(parts.bind(&passes::RASTER_OVERDRAW, &[])?),
+                true => Some(parts.bind(&passes::RASTER_OVERDRAW)?),
                 false => None,
             },
             unwritten: texture.create_view(&Default::default()),
             args: parts.buffers.get("args").clone(),
         })
+    }
+
+    /// Whether fragments are counted, in the colours.
+    pub fn counts_fragments(&self) -> bool {
+        self.raster_overdraw.is_some()
     }
 
     /// Draws what `prepare_raster` counted.

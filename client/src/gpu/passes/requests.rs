@@ -18,7 +18,7 @@ impl Requests {
     /// Binds the pass.
     pub fn new(parts: &mut Parts<'_>, page_count: u32) -> Result<Self, GpuError> {
         Ok(Self {
-            compact_requests: parts.bind(&passes::COMPACT_REQUESTS, &[])?,
+            compact_requests: parts.bind(&passes::COMPACT_REQUESTS)?,
             page_count,
         })
     }

@@ -19,7 +19,7 @@ impl Shade {
     pub fn new(parts: &mut Parts<'_>) -> Result<Self, GpuError> {
         let [width, height] = parts.buffers.size_px();
         Ok(Self {
-            shade: parts.bind(&passes::SHADE, &[])?,
+            shade: parts.bind(&passes::SHADE)?,
             workgroups: [width.div_ceil(8), height.div_ceil(8), 1],
         })
     }

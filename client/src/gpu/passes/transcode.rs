@@ -122,17 +122,17 @@ impl Transcode {
         let staging = parts.buffers.get("staging");
         queue.write_buffer(staging, 0, bytemuck::cast_slice(&self.staging));
         let jobs = self.jobs.len() as u32;
-        let restore = parts.bind(&passes::RESTORE, &[])?;
+        let restore = parts.bind(&passes::RESTORE)?;
         recorder.compute("restore", |dispatches| {
             dispatches.run(&restore, [jobs, 1, 1]);
         });
         if self.has_normals {
-            let normals = parts.bind(&passes::RESTORE_NORMALS, &[])?;
+            let normals = parts.bind(&passes::RESTORE_NORMALS)?;
             recorder.compute("restore_normals", |dispatches| {
                 dispatches.run(&normals, [self.most_clusters, jobs, 1]);
             });
         }
-        let transcode = parts.bind(&passes::TRANSCODE, &[])?;
+        let transcode = parts.bind(&passes::TRANSCODE)?;
         recorder.compute("transcode", |dispatches| {
             dispatches.run(&transcode, [self.most_clusters + 1, jobs, 1]);
         });
