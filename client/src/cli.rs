@@ -58,6 +58,9 @@ struct SceneArgs {
     /// What the picture shows.
     #[arg(long, value_enum, default_value_t = Mode::Shaded)]
     mode: Mode,
+    /// Draw what is hidden behind other things too.
+    #[arg(long)]
+    no_occlusion: bool,
     /// Part of the name of the graphics adapter to use.
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
@@ -231,6 +234,7 @@ impl SceneArgs {
             },
             texture_memory_bytes: bytes(self.texture_memory),
             mode: self.mode.into(),
+            occlusion: !self.no_occlusion,
             adapter: self.adapter.clone(),
             transport: match self.transport {
                 By::Get => Transport::Get,

@@ -35,6 +35,8 @@ pub struct SessionOptions {
     pub pool_bytes: Option<u64>,
     /// What the picture shows.
     pub mode: ShadeMode,
+    /// Whether what is hidden is culled.
+    pub occlusion: bool,
     /// Part of the name of the adapter to use.
     pub adapter: Option<String>,
     /// How pages are asked for.
@@ -57,6 +59,7 @@ impl SessionOptions {
             pixel_error_px: 1.0,
             pool_bytes: None,
             mode: ShadeMode::Shaded,
+            occlusion: true,
             adapter: None,
             transport: Transport::default(),
             limits: StreamLimits::default(),

@@ -86,6 +86,18 @@ pub struct Drawn {
     pub triangles: u64,
     /// Clusters drawn by the hardware rasterizer.
     pub clusters_hardware: u64,
+    /// Clusters that the depths of the last frame did not hide.
+    pub clusters_early: u64,
+    /// Clusters that those hid and this frame's did not.
+    pub clusters_late: u64,
+    /// Instances that are hidden whole.
+    pub hidden_instances: u64,
+    /// Children of hierarchy nodes that are hidden whole.
+    pub hidden_nodes: u64,
+    /// Clusters that are hidden, of visible nodes.
+    pub hidden_clusters: u64,
+    /// Clusters that the cut and the frustum were asked about.
+    pub candidates: u64,
 }
 
 impl From<&Counters> for Drawn {
@@ -96,6 +108,12 @@ impl From<&Counters> for Drawn {
             clusters: counters.visible_count as u64,
             triangles: counters.triangles_drawn as u64,
             clusters_hardware: counters.visible_count as u64,
+            clusters_early: counters.early_count as u64,
+            clusters_late: (counters.drawn_count - counters.early_count) as u64,
+            hidden_instances: counters.hidden_instances as u64,
+            hidden_nodes: counters.hidden_nodes as u64,
+            hidden_clusters: counters.hidden_clusters as u64,
+            candidates: counters.candidate_count as u64,
         }
     }
 }

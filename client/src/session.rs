@@ -87,6 +87,7 @@ impl Session {
         let mut renderer =
             Renderer::new(gpu, opening.arrays.clone(), words as u64, options.size_px)?;
         renderer.set_mode(options.mode)?;
+        renderer.set_occlusion(options.occlusion);
         opening.load_textures(&mut renderer, options, &mut report)?;
         let mut session = Self {
             near_metres: near_metres(&opening.arrays, &opening.subject),
@@ -233,12 +234,21 @@ impl Session {
         }
     }
 
-    /// One frame that only asks for pages, waited for. Returns its requests, once it is whole.
+    /// One frame that asks for pages, waited for. It draws where depths of this view are needed to say
+    /// what is hidden. Returns its requests, once it is whole.
     pub fn request_pages(&mut self, camera: &Camera) -> Result<Vec<StreamingRequest>, ClientError> {
+        let work = match self.renderer.sees(&self.view(camera)) {
+            true => Work::Requests,
+            false => Work::Visbuffer,
+        };
+        self.ask(camera, work)
+    }
+
+    fn ask(&mut self, camera: &Camera, work: Work) -> Result<Vec<StreamingRequest>, ClientError> {
         self.look(camera);
         loop {
             let view = self.view(camera);
-            self.renderer.draw(&view, Work::Requests)?;
+            self.renderer.draw(&view, work)?;
             self.frames += 1;
             let results = self.renderer.collect(true)?;
             let requests = results.last().map_or(Vec::new(), |last| {
@@ -257,7 +267,14 @@ impl Session {
             let before = self.streamer.stats().pages_fetched;
             self.request_pages(camera)?;
             if self.streamer.is_settled() {
-                return Ok(true);
+                // Pages that came since the depths were drawn may show more.
+                if self.renderer.is_current(&self.view(camera)) {
+                    return Ok(true);
+                }
+                self.ask(camera, Work::Visbuffer)?;
+                if self.streamer.is_settled() && self.renderer.is_current(&self.view(camera)) {
+                    return Ok(true);
+                }
             }
             if start.elapsed() > timeout {
                 return Ok(false);

@@ -56,6 +56,7 @@ fn culling_agrees_with_the_twin() {
     for share in [1.0, 0.5, 0.0] {
         let (pool, page_table) = test.twin_pool(share);
         let mut renderer = test.renderer(&gpu, share, SIZE);
+        renderer.set_occlusion(false);
         for camera in cameras() {
             for pixel_error_px in [0.5, 2.0, 16.0] {
                 let cut = |px: f32| {
@@ -122,6 +123,7 @@ fn queues_that_overflow_say_so_and_grow() {
     let Some(gpu) = gpu() else { return };
     let test = plain_scene();
     let mut renderer = test.renderer(&gpu, 1.0, SIZE);
+    renderer.set_occlusion(false);
     let view = view_of(&test, &cameras()[0], 0.5);
     let whole = draw(&mut renderer, &view);
     let small = lodestream_client::gpu::Capacities {

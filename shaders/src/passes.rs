@@ -127,8 +127,10 @@ pub const CULL_INSTANCES: Pass = pass(
     &["cull_instances"],
     &[
         uniform("view"),
+        uniform("occluder"),
         read("scene"),
         read("instances"),
+        read("hzb"),
         write("counters"),
         write("node_queues"),
     ],
@@ -149,9 +151,38 @@ pub const CULL_NODES: Pass = pass(
     &["cull_nodes"],
     &[
         uniform("view"),
+        uniform("occluder"),
         read("scene"),
         read("instances"),
         read("page_table"),
+        read("hzb"),
+        write("page_priority"),
+        write("counters"),
+        write("node_queues"),
+        write("clusters"),
+    ],
+    PoolAccess::None,
+);
+/// Arguments of `cull_rejected`, one thread.
+pub const PREPARE_REJECTED: Pass = pass(
+    "prepare_rejected",
+    include_str!("../wgsl/prepare.wgsl"),
+    &["prepare_rejected"],
+    &[uniform("view"), write("counters"), write("args")],
+    PoolAccess::None,
+);
+/// Instances and children that the early pass rejected, tested once more, a thread an item.
+pub const CULL_REJECTED: Pass = pass(
+    "cull_rejected",
+    include_str!("../wgsl/cull_rejected.wgsl"),
+    &["cull_rejected"],
+    &[
+        uniform("view"),
+        uniform("occluder"),
+        read("scene"),
+        read("instances"),
+        read("page_table"),
+        read("hzb"),
         write("page_priority"),
         write("counters"),
         write("node_queues"),
@@ -174,9 +205,11 @@ pub const CULL_CLUSTERS: Pass = pass(
     &["cull_clusters"],
     &[
         uniform("view"),
+        uniform("occluder"),
         read("scene"),
         read("instances"),
         read("page_table"),
+        read("hzb"),
         write("counters"),
         write("clusters"),
     ],
@@ -200,6 +233,7 @@ pub const RASTER: Pass = pass(
         read("scene"),
         read("instances"),
         read("clusters"),
+        read("args"),
         write("visbuffer"),
     ],
     PoolAccess::Read,
@@ -214,6 +248,7 @@ pub const RASTER_MASKED: Pass = pass(
         read("scene"),
         read("instances"),
         read("clusters"),
+        read("args"),
         write("visbuffer"),
         read("texels"),
     ],
@@ -229,9 +264,26 @@ pub const RASTER_OVERDRAW: Pass = pass(
         read("scene"),
         read("instances"),
         read("clusters"),
+        read("args"),
         write("color"),
     ],
     PoolAccess::Read,
+);
+/// The visbuffer's depths to the pyramid of farthest depths, 64 x 64 pixels a workgroup.
+pub const BUILD_HZB: Pass = pass(
+    "build_hzb",
+    include_str!("../wgsl/build_hzb.wgsl"),
+    &["build_hzb"],
+    &[uniform("view"), read("visbuffer"), write("hzb")],
+    PoolAccess::None,
+);
+/// The pyramid's levels above the tiles', one workgroup.
+pub const BUILD_HZB_TOP: Pass = pass(
+    "build_hzb_top",
+    include_str!("../wgsl/build_hzb.wgsl"),
+    &["build_hzb_top"],
+    &[uniform("view"), read("visbuffer"), write("hzb")],
+    PoolAccess::None,
 );
 /// Visbuffer to colours, a thread a pixel.
 pub const SHADE: Pass = pass(
@@ -273,19 +325,23 @@ pub const PRESENT: Pass = pass(
 );
 
 /// Every pass in frame order.
-pub const ALL: [Pass; 15] = [
+pub const ALL: [Pass; 19] = [
     RESTORE,
     RESTORE_NORMALS,
     TRANSCODE,
     CULL_INSTANCES,
     PREPARE_NODES,
     CULL_NODES,
+    PREPARE_REJECTED,
+    CULL_REJECTED,
     PREPARE_CLUSTERS,
     CULL_CLUSTERS,
     PREPARE_RASTER,
     RASTER,
     RASTER_MASKED,
     RASTER_OVERDRAW,
+    BUILD_HZB,
+    BUILD_HZB_TOP,
     SHADE,
     COMPACT_REQUESTS,
     PRESENT,
@@ -300,6 +356,13 @@ const SHARED: &[(&str, &str)] = &[
         include_str!("../wgsl/shared/error_metric.wgsl"),
     ),
     ("refine", include_str!("../wgsl/shared/refine.wgsl")),
+    ("hzb", include_str!("../wgsl/shared/hzb.wgsl")),
+    ("occlusion", include_str!("../wgsl/shared/occlusion.wgsl")),
+    (
+        "node_queues",
+        include_str!("../wgsl/shared/node_queues.wgsl"),
+    ),
+    ("visit", include_str!("../wgsl/shared/visit.wgsl")),
     (
         "memory_form",
         include_str!("../wgsl/shared/memory_form.wgsl"),

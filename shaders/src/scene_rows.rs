@@ -58,7 +58,10 @@ impl SceneRows {
     /// Appends records from a new row on and returns its index. A record that does not fill whole
     /// rows shares them with its neighbours.
     fn append<T: Pod>(&mut self, records: &[T]) -> u32 {
-        const { assert!(size_of::<T>() % ROW_BYTES == 0 || ROW_BYTES % size_of::<T>() == 0) };
+        const {
+            let record = size_of::<T>();
+            assert!(record.is_multiple_of(ROW_BYTES) || ROW_BYTES.is_multiple_of(record));
+        }
         let first = self.rows.len();
         let bytes: &[u8] = cast_slice(records);
         self.rows

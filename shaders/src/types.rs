@@ -69,6 +69,10 @@ pub struct View {
 pub mod view_flag {
     /// Draw the finest level whole: no pixel-error test, no frustum test (`--reference`).
     pub const REFERENCE: u32 = 1;
+    /// Of the occluder: its depths are tested.
+    pub const OCCLUSION: u32 = 2;
+    /// Of the occluder: its depths are this frame's, so hidden is hidden.
+    pub const LATE: u32 = 4;
 }
 
 /// What `shade` shows.
@@ -187,7 +191,8 @@ pub struct RequestRecord {
     /// Largest projected error of any group in it, of any instance, pixels.
     pub error_px: f32,
     /// Projected errors summed over groups and instances, in units of
-    /// [`PRIORITY_UNITS_A_PX`](crate::cpu::error_metric::PRIORITY_UNITS_A_PX).
+    /// [`PRIORITY_UNITS_A_PX`](crate::cpu::error_metric::PRIORITY_UNITS_A_PX). Zero for a page whose
+    /// groups are all hidden: then the error is theirs.
     pub priority: u32,
 }
 
@@ -219,22 +224,43 @@ pub struct Counters {
     pub rounding_px_bits: u32,
     /// Half of the node queues that `cull_nodes` reads, 0 or 1; it appends to the other.
     pub node_half: u32,
-    /// Zero.
-    pub spare: u32,
+    /// Instances and children that the early pass rejected. Those past the capacity were not:
+    /// they counted as visible.
+    pub rejected_nodes: u32,
+    /// Clusters that the early pass rejected.
+    pub rejected_clusters: u32,
+    /// Instances that both passes found hidden.
+    pub hidden_instances: u32,
+    /// Children of nodes that both found hidden.
+    pub hidden_nodes: u32,
+    /// Clusters that both found hidden.
+    pub hidden_clusters: u32,
+    /// First candidate of this pass.
+    pub first_candidate: u32,
+    /// One past its last.
+    pub last_candidate: u32,
+    /// Rejected clusters that this pass tests once more.
+    pub retested_clusters: u32,
+    /// Visible clusters that were drawn or are about to be.
+    pub drawn_count: u32,
+    /// Draws of visible clusters: one a pass.
+    pub draws: u32,
+    /// Clusters of the first of them.
+    pub early_count: u32,
 }
 
 /// Arguments of the indirect commands, in this order in one buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct IndirectArgs {
-    /// `dispatch_workgroups_indirect` of `cull_nodes`.
+    /// `dispatch_workgroups_indirect` of `cull_nodes` and `cull_rejected`.
     pub nodes: [u32; 3],
-    /// Zero.
-    pub spare_0: u32,
+    /// Visible index of the draw's first cluster: WebGPU has no first instance in an indirect draw.
+    pub first_visible: u32,
     /// `dispatch_workgroups_indirect` of `cull_clusters`.
     pub clusters: [u32; 3],
     /// Zero.
-    pub spare_1: u32,
+    pub spare: u32,
     /// `draw_indirect` of `raster`: vertices, instances, first vertex, first instance.
     pub raster: [u32; 4],
 }

@@ -130,13 +130,23 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             node_count_max,
             rounding_px_bits,
             node_half,
-            spare
+            rejected_nodes,
+            rejected_clusters,
+            hidden_instances,
+            hidden_nodes,
+            hidden_clusters,
+            first_candidate,
+            last_candidate,
+            retested_clusters,
+            drawn_count,
+            draws,
+            early_count
         }),
         layout!(IndirectArgs {
             nodes,
-            spare_0,
+            first_visible,
             clusters,
-            spare_1,
+            spare,
             raster
         }),
         layout!(TranscodeJob {
@@ -369,7 +379,7 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
     use lodestream_format::limits::HIERARCHY_WIDTH;
     use lodestream_format::memory_form::{self, cluster_word, page_word};
     use lodestream_format::octahedral::NORMAL_BITS;
-    use lodestream_shaders::cpu::{error_metric, mask_cutoffs, prepare, view};
+    use lodestream_shaders::cpu::{error_metric, mask_cutoffs, occlusion, prepare, view, visit};
     use lodestream_shaders::scene_rows::ROW_BYTES;
     use lodestream_shaders::types::NO_MASK_CUTOFFS;
 
@@ -382,6 +392,12 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("NODE_THREADS", prepare::NODE_THREADS as usize),
         ("RASTER_VERTICES", prepare::RASTER_VERTICES as usize),
         ("HIERARCHY_WIDTH", HIERARCHY_WIDTH),
+        ("VIEW_FLAG_OCCLUSION", view_flag::OCCLUSION as usize),
+        ("VIEW_FLAG_LATE", view_flag::LATE as usize),
+        ("HIDDEN_FLAG", visit::HIDDEN_FLAG as usize),
+        ("WHOLE_INSTANCE", visit::WHOLE_INSTANCE as usize),
+        ("REQUEST_WORDS", visit::REQUEST_WORDS),
+        ("MOST_TEXELS", occlusion::MOST_TEXELS as usize),
         ("ASSET_ROWS", size_of::<AssetRecord>() / ROW_BYTES),
         ("CHILD_ROWS", size_of::<Child>() / ROW_BYTES),
         ("GROUP_ROWS", size_of::<Group>() / ROW_BYTES),
@@ -461,6 +477,10 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("CLUSTER_SLACK", view::CLUSTER_SLACK),
         ("GROUP_SLACK", view::GROUP_SLACK),
         ("NODE_SLACK", view::NODE_SLACK),
+        ("PROJECTION_SLACK", occlusion::PROJECTION_SLACK),
+        ("SNAP_PX", occlusion::SNAP_PX),
+        ("DEPTH_SLACK", occlusion::DEPTH_SLACK),
+        ("MOST_PX", occlusion::MOST_PX),
         ("ROOT_ERROR", ROOT_ERROR),
         ("LEVEL_SLACK", error_metric::LEVEL_SLACK),
         ("NODE_LEVEL", error_metric::NODE_LEVEL),

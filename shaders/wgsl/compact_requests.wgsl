@@ -12,12 +12,18 @@ fn compact_requests(
     @builtin(local_invocation_index) local: u32,
 ) {
     let page = thread_index(workgroup, local);
-    if page >= view.page_count || page_priority[2u * page] == 0u {
+    if page >= view.page_count {
+        return;
+    }
+    let visible_bits = page_priority[3u * page];
+    let hidden_bits = page_priority[3u * page + 2u];
+    if (visible_bits | hidden_bits) == 0u {
         return;
     }
     let place = atomicAdd(&counters.request_count, 1u);
     if place < view.request_capacity {
-        let error_px = bitcast<f32>(page_priority[2u * page]);
-        requests[place] = RequestRecord(page, error_px, page_priority[2u * page + 1u]);
+        // A hidden page has no priority.
+        let error_px = bitcast<f32>(select(visible_bits, hidden_bits, visible_bits == 0u));
+        requests[place] = RequestRecord(page, error_px, page_priority[3u * page + 1u]);
     }
 }

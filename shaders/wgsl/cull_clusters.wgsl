@@ -1,13 +1,18 @@
-// Candidates to visible clusters, a thread a candidate. Visible ones lie behind the candidates.
+// Candidates to visible clusters, a thread a candidate. Three lists in one buffer: candidates, visible
+// clusters, and those that the early pass rejected, which the late one tests before its own candidates.
 #import refine
 #import cluster
+#import occlusion
+#import hzb
 
 @group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
-@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(3) var<storage, read> page_table: array<u32>;
-@group(0) @binding(4) var<storage, read_write> counters: Counters;
-@group(0) @binding(5) var<storage, read_write> clusters: array<ClusterItem>;
+@group(0) @binding(1) var<uniform> occluder: View;
+@group(0) @binding(2) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(3) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(4) var<storage, read> page_table: array<u32>;
+@group(0) @binding(5) var<storage, read> hzb: array<u32>;
+@group(0) @binding(6) var<storage, read_write> counters: Counters;
+@group(0) @binding(7) var<storage, read_write> clusters: array<ClusterItem>;
 
 // Drawn: its own group refines, the one below does not. One loop over both, so that the compiler makes one code of it.
 fn in_cut(own: u32, below: u32, instance: InstanceRecord, asset: AssetRecord) -> bool {
@@ -28,10 +33,13 @@ fn cull_clusters(
     @builtin(local_invocation_index) local: u32,
 ) {
     let index = thread_index(workgroup, local);
-    if index >= min(atomicLoad(&counters.candidate_count), view.cluster_capacity) {
+    let retested = counters.retested_clusters;
+    if index >= retested + counters.last_candidate - counters.first_candidate {
         return;
     }
-    let item = clusters[index];
+    let rejected = 2u * view.cluster_capacity + index;
+    let candidate = counters.first_candidate + index - retested;
+    let item = clusters[select(candidate, rejected, index < retested)];
     let instance = instances[item.instance];
     let asset = load_asset(instance.asset);
     let cluster = load_cluster(item.page_word, item.cluster);
@@ -41,6 +49,16 @@ fn cull_clusters(
     let aabb_min = cluster_aabb_min(cluster, asset.position_step);
     let aabb_max = cluster_aabb_max(cluster, asset.position_step);
     if !is_reference(view) && !aabb_in_frustum(instance, view, aabb_min, aabb_max, CLUSTER_SLACK) {
+        return;
+    }
+    if tests_occlusion() && is_hidden(instance, aabb_min, aabb_max) {
+        if is_late() {
+            atomicAdd(&counters.hidden_clusters, 1u);
+            return;
+        }
+        // There is room: no more are rejected than were candidates.
+        let place = atomicAdd(&counters.rejected_clusters, 1u);
+        clusters[2u * view.cluster_capacity + place] = item;
         return;
     }
     atomicAdd(&counters.triangles_drawn, cluster_triangle_count(cluster));

@@ -1,12 +1,17 @@
 // Instances in the frustum to root nodes, a thread an instance.
 #import view
 #import scene
+#import node_queues
+#import occlusion
+#import hzb
 
 @group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
-@group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
-@group(0) @binding(3) var<storage, read_write> counters: Counters;
-@group(0) @binding(4) var<storage, read_write> node_queues: array<NodeItem>;
+@group(0) @binding(1) var<uniform> occluder: View;
+@group(0) @binding(2) var<storage, read> scene: array<vec4<u32>>;
+@group(0) @binding(3) var<storage, read> instances: array<InstanceRecord>;
+@group(0) @binding(4) var<storage, read> hzb: array<u32>;
+@group(0) @binding(5) var<storage, read_write> counters: Counters;
+@group(0) @binding(6) var<storage, read_write> node_queues: array<NodeItem>;
 
 @compute @workgroup_size(64)
 fn cull_instances(
@@ -22,9 +27,17 @@ fn cull_instances(
     if !is_reference(view) && !aabb_in_frustum(instance, view, asset.aabb_min, asset.aabb_max, NODE_SLACK) {
         return;
     }
-    atomicAdd(&counters.instances_drawn, 1u);
-    let place = atomicAdd(&counters.next_node_count, 1u);
-    if place < view.node_capacity {
-        node_queues[node_out(counters.node_half, place)] = NodeItem(index, 0u);
+    var root = NodeItem(index, 0u);
+    if tests_occlusion() && is_hidden(instance, asset.aabb_min, asset.aabb_max) {
+        if is_late() {
+            atomicAdd(&counters.hidden_instances, 1u);
+            root.node = HIDDEN_FLAG;
+        } else if reject_node(NodeItem(index, WHOLE_INSTANCE)) {
+            return;
+        }
     }
+    if root.node == 0u {
+        atomicAdd(&counters.instances_drawn, 1u);
+    }
+    append_node(root);
 }

@@ -32,18 +32,39 @@ fn prepare_nodes() {
 }
 
 @compute @workgroup_size(1)
+fn prepare_rejected() {
+    let count = min(atomicLoad(&counters.rejected_nodes), view.node_capacity);
+    let size = workgroups(count, WORKGROUP_THREADS);
+    args.nodes_x = size.x;
+    args.nodes_y = size.y;
+    args.nodes_z = 1u;
+}
+
+// The candidates since the last call, and the clusters rejected since: those of the early pass.
+@compute @workgroup_size(1)
 fn prepare_clusters() {
-    let count = min(atomicLoad(&counters.candidate_count), view.cluster_capacity);
+    counters.first_candidate = counters.last_candidate;
+    counters.last_candidate = min(atomicLoad(&counters.candidate_count), view.cluster_capacity);
+    counters.retested_clusters = atomicLoad(&counters.rejected_clusters);
+    let count = counters.retested_clusters + counters.last_candidate - counters.first_candidate;
     let size = workgroups(count, WORKGROUP_THREADS);
     args.clusters_x = size.x;
     args.clusters_y = size.y;
     args.clusters_z = 1u;
 }
 
+// The visible clusters since the last call.
 @compute @workgroup_size(1)
 fn prepare_raster() {
+    let first = counters.drawn_count;
+    counters.drawn_count = min(atomicLoad(&counters.visible_count), view.cluster_capacity);
+    if counters.draws == 0u {
+        counters.early_count = counters.drawn_count;
+    }
+    counters.draws += 1u;
     args.raster_vertices = RASTER_VERTICES;
-    args.raster_instances = min(atomicLoad(&counters.visible_count), view.cluster_capacity);
+    args.raster_instances = counters.drawn_count - first;
     args.raster_first_vertex = 0u;
     args.raster_first_instance = 0u;
+    args.first_visible = first;
 }

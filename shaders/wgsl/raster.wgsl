@@ -11,7 +11,8 @@
 @group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
 @group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
 @group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
-@group(0) @binding(4) var<storage, read_write> visbuffer: array<atomic<u64>>;
+@group(0) @binding(4) var<storage, read> args: IndirectArgs;
+@group(0) @binding(5) var<storage, read_write> visbuffer: array<atomic<u64>>;
 
 struct Fragment {
     @invariant @builtin(position) position: vec4<f32>,
@@ -19,7 +20,8 @@ struct Fragment {
 }
 
 @vertex
-fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_index) visible_index: u32) -> Fragment {
+fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_index) drawn_index: u32) -> Fragment {
+    let visible_index = args.first_visible + drawn_index;
     let corner = fetch_corner(visible_index, vertex_index);
     return Fragment(corner.clip, corner.id);
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use bytemuck::Pod;
 use lodestream_shaders::cpu::error_metric::RequestWords;
+use lodestream_shaders::cpu::hzb::hzb_texels;
 use lodestream_shaders::scene_rows::FirstRows;
 use lodestream_shaders::types::{
     ClusterItem, Counters, IndirectArgs, NodeItem, RequestRecord, TRIANGLE_BITS, View,
@@ -15,10 +16,10 @@ use wgpu::BufferUsages;
 use super::device::Gpu;
 use super::error::GpuError;
 
-/// Both halves of the node queues, an item of capacity.
-const NODE_ITEM_BYTES: usize = 2 * size_of::<NodeItem>();
-/// Candidates and visible clusters, an item of capacity.
-const CLUSTER_ITEM_BYTES: usize = 2 * size_of::<ClusterItem>();
+/// Both halves of the node queues and the rejected items, an item of capacity.
+const NODE_ITEM_BYTES: usize = 3 * size_of::<NodeItem>();
+/// Candidates, visible and rejected clusters, an item of capacity.
+const CLUSTER_ITEM_BYTES: usize = 3 * size_of::<ClusterItem>();
 
 /// No buffer is smaller: a binding must hold at least one element of what it is declared as.
 const SMALLEST_BYTES: u64 = 256;
@@ -128,11 +129,16 @@ pub struct Buffers {
 pub struct Named<'a> {
     buffers: &'a Buffers,
     pool: &'a [wgpu::Buffer],
+    is_late: bool,
 }
 
 impl<'a> Named<'a> {
     /// The buffer bound as `name`.
     pub fn get(&self, name: &str) -> Option<&'a wgpu::Buffer> {
+        let name = match name {
+            "occluder" if self.is_late => "late_occluder",
+            name => name,
+        };
         match name.strip_prefix("pool_").map(str::parse::<usize>) {
             Some(Ok(index)) => self.pool.get(index),
             _ => self.buffers.by_name.get(name),
@@ -160,7 +166,9 @@ impl Buffers {
         let none = BufferUsages::empty();
         frame("page_priority", pages * size_of::<RequestWords>(), none)?;
         frame("requests", pages * size_of::<RequestRecord>(), none)?;
-        frame("view", size_of::<View>(), BufferUsages::UNIFORM)?;
+        for view in ["view", "occluder", "late_occluder"] {
+            frame(view, size_of::<View>(), BufferUsages::UNIFORM)?;
+        }
         frame("counters", size_of::<Counters>(), none)?;
         frame("args", size_of::<IndirectArgs>(), BufferUsages::INDIRECT)?;
         frame("texels", 0, none)?;
@@ -182,10 +190,21 @@ impl Buffers {
         Ok(buffers)
     }
 
-    /// These buffers and the pool's.
+    /// These buffers and the pool's, for the early pass.
     pub fn named<'a>(&'a self, pool: &'a [wgpu::Buffer]) -> Named<'a> {
-        let buffers = self;
-        Named { buffers, pool }
+        Named {
+            buffers: self,
+            pool,
+            is_late: false,
+        }
+    }
+
+    /// These buffers and the pool's, for the late pass.
+    pub fn named_late<'a>(&'a self, pool: &'a [wgpu::Buffer]) -> Named<'a> {
+        Named {
+            is_late: true,
+            ..self.named(pool)
+        }
     }
 
     /// Replaces the scene's rows.
@@ -252,9 +271,13 @@ impl Buffers {
         }
         let pixels = size_px[0] as u64 * size_px[1] as u64;
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        for (name, bytes) in [("visbuffer", 8), ("color", 4)] {
-            self.by_name
-                .insert(name, create(gpu, name, pixels * bytes, usage)?);
+        let hzb_bytes = hzb_texels(size_px) as u64 * 4;
+        for (name, bytes) in [
+            ("visbuffer", pixels * 8),
+            ("color", pixels * 4),
+            ("hzb", hzb_bytes),
+        ] {
+            self.by_name.insert(name, create(gpu, name, bytes, usage)?);
         }
         self.size_px = size_px;
         Ok(())

@@ -4,7 +4,8 @@ use lodestream_shaders::SceneArrays;
 
 use super::buffers::Buffers;
 use super::error::GpuError;
-use super::passes::{Cull, Parts, Raster, Requests, Shade};
+use super::occlusion::Steps;
+use super::passes::{BuildHzb, Cull, Parts, Raster, Requests, Shade};
 use super::recorder::Recorder;
 
 /// How much of a frame is wanted.
@@ -12,8 +13,17 @@ use super::recorder::Recorder;
 pub enum Work {
     /// Streaming requests alone: what a viewer that nobody watches needs while pages come.
     Requests,
+    /// The visbuffer too: it says what hides what.
+    Visbuffer,
     /// The picture too.
     Picture,
+}
+
+impl Work {
+    /// Whether the visbuffer is drawn.
+    pub fn draws(self) -> bool {
+        self != Self::Requests
+    }
 }
 
 /// The passes of a frame, bound.
@@ -21,72 +31,114 @@ pub enum Work {
 pub struct Passes {
     cull: Cull,
     requests: Requests,
-    picture: Option<(Raster, Shade)>,
+    picture: Option<Picture>,
+    build_hzb: Option<BuildHzb>,
+}
+
+#[derive(Debug)]
+struct Picture {
+    raster: Raster,
+    shade: Shade,
 }
 
 impl Passes {
-    /// Binds what `work` needs, building pipelines on the way.
+    /// Binds the passes of frames that draw, or of those that do not, building pipelines on the way.
     pub fn new(
         parts: &mut Parts<'_>,
         arrays: &SceneArrays,
-        work: Work,
+        draws: bool,
         overdraw: bool,
     ) -> Result<Self, GpuError> {
-        let draws = work == Work::Picture;
         let picture = match draws {
-            true => Some((Raster::new(parts, arrays, overdraw)?, Shade::new(parts)?)),
+            true => Some(Picture {
+                raster: Raster::new(parts, arrays, overdraw)?,
+                shade: Shade::new(parts)?,
+            }),
             false => None,
         };
         Ok(Self {
             cull: Cull::new(parts, arrays, draws)?,
             requests: Requests::new(parts, arrays.page_count)?,
             picture,
+            build_hzb: None,
         })
     }
 
-    /// Visbuffer and picture of what lies in `visible` already, without any culling.
+    /// Binds what `steps` need, where it is not yet.
+    pub fn add(&mut self, parts: &mut Parts<'_>, steps: Steps) -> Result<(), GpuError> {
+        if steps.builds && self.build_hzb.is_none() {
+            self.build_hzb = Some(BuildHzb::new(parts)?);
+        }
+        if steps.builds && steps.tests {
+            self.cull.add_late(parts)?;
+        }
+        Ok(())
+    }
+
+    /// Visbuffer of what lies in `visible` already, without any culling.
     pub fn record_picture(&self, recorder: &mut Recorder<'_>) {
-        if let Some((raster, _)) = &self.picture {
-            raster.record(recorder);
+        if let Some(picture) = &self.picture {
+            picture.raster.record(recorder);
         }
     }
 
     /// Clears the visbuffer, and the colours where the overdraw picture counts in them.
     pub fn clear_picture(&self, encoder: &mut wgpu::CommandEncoder, buffers: &Buffers) {
         encoder.clear_buffer(buffers.get("visbuffer"), 0, None);
-        if self
-            .picture
-            .iter()
-            .any(|(raster, _)| raster.counts_fragments())
-        {
+        if self.picture.iter().any(|it| it.raster.counts_fragments()) {
             encoder.clear_buffer(buffers.get("color"), 0, None);
         }
     }
 
     /// Colours of what lies in the visbuffer already.
     pub fn record_shade(&self, recorder: &mut Recorder<'_>) {
-        if let Some((_, shade)) = &self.picture {
-            shade.record(recorder);
+        if let Some(picture) = &self.picture {
+            picture.shade.record(recorder);
+        }
+    }
+
+    /// Depths of the early pass to the pyramid, then the rejects once more against them.
+    fn record_occlusion(&self, recorder: &mut Recorder<'_>, steps: Steps) {
+        if let Some(build_hzb) = &self.build_hzb
+            && steps.builds
+        {
+            build_hzb.record(recorder);
+        }
+        if let Some(picture) = &self.picture
+            && steps.builds
+            && steps.tests
+        {
+            self.cull.record_late(recorder);
+            picture.raster.record_late(recorder);
         }
     }
 }
 
 /// Records one frame. Pages were transcoded and the page table patched before it, on the same queue.
 ///
-/// Occlusion culling has its place here: nodes and clusters against last frame's HZB first ("early"), then raster, then the
-/// HZB of this visbuffer, then what the early pass rejected once more against it ("late"), then raster again. Small
-/// triangles go to a compute rasterizer beside the hardware one, split by `cull_clusters`; both write the visbuffer by the
-/// same atomic maximum, so neither has to know of the other.
-pub fn record(recorder: &mut Recorder<'_>, passes: &Passes, buffers: &Buffers, work: Work) {
+/// Instances, nodes and clusters are tested against the depths of the last frame ("early") and drawn.
+/// The rejects are tested once more against the depths of those ("late") and drawn. A compute
+/// rasterizer has its place beside the hardware one: both write the visbuffer by the same atomic
+/// maximum.
+pub fn record(
+    recorder: &mut Recorder<'_>,
+    passes: &Passes,
+    buffers: &Buffers,
+    work: Work,
+    steps: Steps,
+) {
     for name in ["counters", "page_priority"] {
         recorder.encoder.clear_buffer(buffers.get(name), 0, None);
     }
     // Requests are written while nodes are visited: for what is installed and for what is not.
     passes.cull.record_nodes(recorder);
-    if work == Work::Picture {
+    if work.draws() {
         passes.clear_picture(&mut recorder.encoder, buffers);
         passes.cull.record_clusters(recorder);
         passes.record_picture(recorder);
+        passes.record_occlusion(recorder, steps);
+    }
+    if work == Work::Picture {
         passes.record_shade(recorder);
     }
     passes.requests.record(recorder);

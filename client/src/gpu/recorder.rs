@@ -84,10 +84,11 @@ impl<'a> Recorder<'a> {
         });
     }
 
-    /// A span that draws `bound` with the arguments at `offset` bytes of `args`, into nothing but its storage buffers;
+    /// A span named `name` that draws `bound` with the arguments at `offset` bytes of `args`, into nothing but its storage buffers;
     /// `unwritten` is the attachment that a pass must have.
     pub fn draw_indirect(
         &mut self,
+        name: &'static str,
         bound: &Bound,
         unwritten: &wgpu::TextureView,
         args: &wgpu::Buffer,
@@ -99,7 +100,7 @@ impl<'a> Recorder<'a> {
             beginning_of_pass_write_index: Some(first),
             end_of_pass_write_index: Some(first + 1),
         });
-        self.spans.push(bound.name());
+        self.spans.push(name);
         note(&mut self.passes, bound);
         let mut pass = self.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some(bound.name()),

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use lodestream_shaders::cpu::prepare::RASTER_VERTICES;
 use lodestream_shaders::types::{
     ClusterItem, IndirectArgs, MaterialRecord, NOT_INSTALLED, ShadeMode, TextureRecord, View,
+    view_flag,
 };
 use lodestream_shaders::{SceneArrays, SceneRows};
 
@@ -13,6 +14,7 @@ use super::buffers::{Buffers, Capacities};
 use super::device::Gpu;
 use super::error::GpuError;
 use super::frame::{Passes, Work, record};
+use super::occlusion::{Occlusion, Steps};
 use super::passes::{PageUpload, Parts, Present, Transcode};
 use super::pipelines::Pipelines;
 use super::pool::Pool;
@@ -29,6 +31,7 @@ pub struct Renderer {
     pool: Pool,
     pipelines: Pipelines,
     buffers: Buffers,
+    /// Of frames that do not draw, and of those that do.
     passes: [Option<Passes>; 2],
     present: Option<Present>,
     readback: Readback,
@@ -36,6 +39,9 @@ pub struct Renderer {
     transcode: Transcode,
     page_table: Vec<u32>,
     mode: ShadeMode,
+    occlusion: Occlusion,
+    /// Changes of the page table so far.
+    patches: u64,
     frame: u64,
     recorded: BTreeSet<&'static str>,
 }
@@ -64,6 +70,8 @@ impl Renderer {
             present: None,
             transcode: Transcode::default(),
             mode: ShadeMode::Shaded,
+            occlusion: Occlusion::default(),
+            patches: 0,
             frame: 0,
             recorded: BTreeSet::new(),
         })
@@ -118,9 +126,26 @@ impl Renderer {
     pub fn resize(&mut self, size_px: [u32; 2]) -> Result<(), GpuError> {
         if size_px != self.buffers.size_px() {
             self.unbind();
+            self.occlusion.forget();
             self.buffers.set_size(&self.gpu, size_px)?;
         }
         Ok(())
+    }
+
+    /// Turns occlusion culling off, or on again.
+    pub fn set_occlusion(&mut self, on: bool) {
+        self.occlusion.set_off(!on);
+    }
+
+    /// Whether requests of `view` are known without drawing: nothing is tested, or against depths of
+    /// that very view.
+    pub fn sees(&self, view: &View) -> bool {
+        self.occlusion.sees(&self.filled(view))
+    }
+
+    /// [`Renderer::sees`], with all pages drawn that are installed now.
+    pub fn is_current(&self, view: &View) -> bool {
+        self.occlusion.is_current(&self.filled(view), self.patches)
     }
 
     /// Other queues; what a frame in flight wrote to the old ones is still read back.
@@ -194,6 +219,7 @@ impl Renderer {
         let mut pages: Vec<u32> = Vec::with_capacity(entries.len());
         for &(page, word) in entries {
             if let Some(entry) = self.page_table.get_mut(page as usize) {
+                self.patches += 1;
                 *entry = word;
                 pages.push(page);
             }
@@ -223,10 +249,11 @@ impl Renderer {
         after: impl FnOnce(&mut Recorder<'_>, &Buffers),
     ) -> Result<u64, GpuError> {
         self.bind(work)?;
-        self.write_view(view);
+        let view = self.write_view(view);
+        let steps = self.plan_occlusion(&view, work)?;
         let mut recorder = Recorder::new(&self.gpu.device, self.timestamps.as_ref());
-        if let Some(passes) = &self.passes[work as usize] {
-            record(&mut recorder, passes, &self.buffers, work);
+        if let Some(passes) = &self.passes[usize::from(work.draws())] {
+            record(&mut recorder, passes, &self.buffers, work, steps);
         }
         after(&mut recorder, &self.buffers);
         let timestamps = self.timestamps.as_ref();
@@ -266,7 +293,7 @@ impl Renderer {
     pub fn clear_visbuffer(&mut self) -> Result<(), GpuError> {
         self.bind(Work::Picture)?;
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        if let Some(passes) = &self.passes[Work::Picture as usize] {
+        if let Some(passes) = &self.passes[usize::from(Work::Picture.draws())] {
             passes.clear_picture(&mut encoder, &self.buffers);
         }
         self.gpu.queue.submit([encoder.finish()]);
@@ -277,14 +304,12 @@ impl Renderer {
     pub fn raster_items(&mut self, view: &View, items: &[ClusterItem]) -> Result<(), GpuError> {
         self.bind(Work::Picture)?;
         self.write_view(view);
-        let args = [RASTER_VERTICES, items.len() as u32, 0, 0];
-        let offset = std::mem::offset_of!(IndirectArgs, raster);
+        let args = IndirectArgs {
+            raster: [RASTER_VERTICES, items.len() as u32, 0, 0],
+            ..IndirectArgs::default()
+        };
         let queue = &self.gpu.queue;
-        queue.write_buffer(
-            self.buffers.get("args"),
-            offset as u64,
-            bytemuck::cast_slice(&args),
-        );
+        queue.write_buffer(self.buffers.get("args"), 0, bytemuck::bytes_of(&args));
         let visible = self.buffers.visible_offset();
         let bytes = bytemuck::cast_slice(items);
         queue.write_buffer(self.buffers.get("clusters"), visible, bytes);
@@ -302,7 +327,7 @@ impl Renderer {
 
     fn submit(&mut self, record: impl FnOnce(&Passes, &mut Recorder<'_>)) {
         let mut recorder = Recorder::new(&self.gpu.device, None);
-        if let Some(passes) = &self.passes[Work::Picture as usize] {
+        if let Some(passes) = &self.passes[usize::from(Work::Picture.draws())] {
             record(passes, &mut recorder);
         }
         self.recorded.extend(&recorder.passes);
@@ -311,8 +336,13 @@ impl Renderer {
 
     /// Frames that came back, oldest first; `wait` waits for all.
     pub fn collect(&mut self, wait: bool) -> Result<Vec<FrameResult>, GpuError> {
-        self.readback
-            .collect(&self.gpu, self.timestamps.as_ref(), wait)
+        let results = self
+            .readback
+            .collect(&self.gpu, self.timestamps.as_ref(), wait)?;
+        for result in &results {
+            self.occlusion.take(&result.counters);
+        }
+        Ok(results)
     }
 
     /// Frames whose results are still on their way.
@@ -342,9 +372,10 @@ impl Renderer {
         self.bind(work)
     }
 
-    fn write_view(&self, view: &View) {
+    /// `view` with the counts of the scene and the capacities of the queues.
+    fn filled(&self, view: &View) -> View {
         let capacities = self.buffers.capacities();
-        let view = View {
+        View {
             size_px: self.buffers.size_px(),
             instance_count: self.arrays.instances.len() as u32,
             page_count: self.arrays.page_count,
@@ -354,10 +385,33 @@ impl Renderer {
             request_capacity: self.arrays.page_count,
             ..*view
         }
-        .with_rows(self.buffers.first_rows());
-        self.gpu
-            .queue
-            .write_buffer(self.buffers.get("view"), 0, bytemuck::bytes_of(&view));
+        .with_rows(self.buffers.first_rows())
+    }
+
+    fn write_view(&self, view: &View) -> View {
+        let view = self.filled(view);
+        self.write_buffer("view", bytemuck::bytes_of(&view));
+        view
+    }
+
+    /// Decides about occlusion, and writes the views that drew the depths of both passes.
+    fn plan_occlusion(&mut self, view: &View, work: Work) -> Result<Steps, GpuError> {
+        let steps = self.occlusion.plan(view, work.draws());
+        let early = self.occlusion.early(steps, work.draws());
+        let early = early.unwrap_or(View { flags: 0, ..*view });
+        let late = View {
+            flags: view_flag::OCCLUSION | view_flag::LATE,
+            ..*view
+        };
+        self.write_buffer("occluder", bytemuck::bytes_of(&early));
+        self.write_buffer("late_occluder", bytemuck::bytes_of(&late));
+        if let Some(mut passes) = self.passes[usize::from(work.draws())].take() {
+            let added = passes.add(&mut self.parts(), steps);
+            self.passes[usize::from(work.draws())] = Some(passes);
+            added?;
+        }
+        self.occlusion.recorded(view, steps, self.patches);
+        Ok(steps)
     }
 
     fn parts(&mut self) -> Parts<'_> {
@@ -370,11 +424,12 @@ impl Renderer {
     }
 
     fn bind(&mut self, work: Work) -> Result<(), GpuError> {
-        if self.passes[work as usize].is_none() {
+        let index = usize::from(work.draws());
+        if self.passes[index].is_none() {
             let arrays = self.arrays.clone();
             let overdraw = self.mode == ShadeMode::Overdraw;
-            let passes = Passes::new(&mut self.parts(), &arrays, work, overdraw)?;
-            self.passes[work as usize] = Some(passes);
+            let passes = Passes::new(&mut self.parts(), &arrays, work.draws(), overdraw)?;
+            self.passes[index] = Some(passes);
         }
         Ok(())
     }

@@ -11,11 +11,15 @@ use super::renderer::Renderer;
 const PIECE_BYTES: u64 = 64 << 20;
 
 /// The first `count` elements of `buffer`, or as many as it has.
-pub fn read<T: Pod>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
+pub fn read_buffer<T: Pod>(
+    gpu: &Gpu,
+    buffer: &wgpu::Buffer,
+    count: usize,
+) -> Result<Vec<T>, GpuError> {
     read_at(gpu, buffer, 0, count)
 }
 
-/// [`read`] from byte `start` on.
+/// [`read_buffer`] from byte `start` on.
 fn read_at<T: Pod>(
     gpu: &Gpu,
     buffer: &wgpu::Buffer,
@@ -55,17 +59,17 @@ fn read_at<T: Pod>(
 impl Renderer {
     /// RGBA bytes (sRGB) of the last picture, a word a pixel, row by row.
     pub fn read_color(&self) -> Result<Vec<u32>, GpuError> {
-        read(&self.gpu, self.buffer("color"), self.pixels())
+        read_buffer(&self.gpu, self.buffer("color"), self.pixels())
     }
 
     /// Visbuffer words of the last picture: depth bits above the id.
     pub fn read_visbuffer(&self) -> Result<Vec<u64>, GpuError> {
-        read(&self.gpu, self.buffer("visbuffer"), self.pixels())
+        read_buffer(&self.gpu, self.buffer("visbuffer"), self.pixels())
     }
 
     /// Counters of the last frame.
     pub fn read_counters(&self) -> Result<Counters, GpuError> {
-        let all = read(&self.gpu, self.buffer("counters"), 1)?;
+        let all = read_buffer(&self.gpu, self.buffer("counters"), 1)?;
         Ok(all.first().copied().unwrap_or_default())
     }
 
@@ -80,14 +84,18 @@ impl Renderer {
     /// The words of all textures' mips.
     pub fn read_texels(&self) -> Result<Vec<u32>, GpuError> {
         let texels = self.buffer("texels");
-        read(&self.gpu, texels, texels.size() as usize / 4)
+        read_buffer(&self.gpu, texels, texels.size() as usize / 4)
     }
 
     /// The page pool's words.
     pub fn read_pool(&self) -> Result<Vec<u32>, GpuError> {
         let mut words = Vec::new();
         for buffer in &self.pool().buffers {
-            words.extend(read::<u32>(&self.gpu, buffer, buffer.size() as usize / 4)?);
+            words.extend(read_buffer::<u32>(
+                &self.gpu,
+                buffer,
+                buffer.size() as usize / 4,
+            )?);
         }
         words.truncate(self.pool().words as usize);
         Ok(words)

@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 
 use super::page_state::{PageEvent, PageState};
 use super::residency::{InFlight, PageForm, Residency};
+use super::want::is_hidden;
 
 /// Pages to fetch in one request.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,9 +60,14 @@ impl<Form: PageForm> Residency<Form> {
             return fetches;
         }
         let blocked = self.blocked();
+        // Hidden pages wait until every visible one is installed or has failed.
+        let seen = |page: u32| !is_hidden(self.records[page as usize].priority_px);
+        let mut left = self.missing.iter().zip(&blocked);
+        let sees_missing = left.any(|(&page, &blocked)| !blocked && seen(page));
         let turns = self.missing.iter().zip(&blocked);
         let mut turns: BinaryHeap<Turn> = turns
             .filter(|&(&page, &blocked)| !blocked && self.state(page) == PageState::Wanted)
+            .filter(|&(&page, _)| !sees_missing || seen(page))
             .map(|(&page, _)| Turn {
                 px_a_byte: self.records[page as usize].priority_px
                     / self.pages.frame_bytes(page) as f32,

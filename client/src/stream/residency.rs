@@ -18,7 +18,7 @@ use super::policy::{DecayedError, EvictionPolicy};
 use super::pool::{PoolLayout, Slots};
 use super::scene_pages::{PageFacts, ScenePages};
 use super::stats::StreamStats;
-use super::want::{Closure, StreamingRequest, Want, admit};
+use super::want::{Closure, StreamingRequest, Want, admit, is_hidden};
 use super::window::{Ticket, Window};
 
 /// Settings of a [`Residency`].
@@ -232,7 +232,13 @@ impl<Form: PageForm> Residency<Form> {
         self.update_count += 1;
         let (mut wants, ignored) = self.closure.close(requests, &self.pages);
         self.stats.ignored_requests += ignored;
-        if let Some(threshold_px) = self.governor.step(&wants, self.layout.slot_count as usize) {
+        // Hidden pages take what room is left: they raise no pixel error.
+        let seen: Vec<Want> = wants
+            .iter()
+            .copied()
+            .filter(|want| !want.is_hidden())
+            .collect();
+        if let Some(threshold_px) = self.governor.step(&seen, self.layout.slot_count as usize) {
             wants.retain(|want| want.error_px > threshold_px);
         }
         let records = &self.records;
@@ -244,7 +250,7 @@ impl<Form: PageForm> Residency<Form> {
         self.want(&wants);
         self.end_back_offs(now_secs);
         self.cancel_unwanted();
-        let quiet = self.is_idle() && self.governor.is_steady();
+        let quiet = self.sees_all() && self.governor.is_steady();
         self.quiet_updates = if quiet {
             self.quiet_updates.saturating_add(1)
         } else {
@@ -327,9 +333,10 @@ impl<Form: PageForm> Residency<Form> {
         Ok(())
     }
 
-    /// Whether the last updates found all that they wanted installed, nothing is under way, and the pixel error stays.
+    /// Whether the last updates found all visible pages installed, no visible page is under way, and
+    /// the pixel error stays. Hidden pages may still come.
     pub fn is_settled(&self) -> bool {
-        self.quiet_updates >= self.readback_updates && self.is_idle()
+        self.quiet_updates >= self.readback_updates && self.sees_all()
     }
 
     /// Tells that the camera or the scene moved; to be called with every frame in which it did. Readbacks on their way say
@@ -350,19 +357,35 @@ impl<Form: PageForm> Residency<Form> {
             && self.blocked().iter().all(|&blocked| blocked)
     }
 
-    fn is_idle(&self) -> bool {
+    /// Whether nothing is missing or under way, hidden pages included.
+    pub fn is_idle(&self) -> bool {
         self.missing.is_empty()
             && self.fetches.is_empty()
             && self.decoded.is_empty()
             && self.roots.is_empty()
     }
 
+    /// Whether no visible page is missing or under way.
+    fn sees_all(&self) -> bool {
+        let hidden = |page: &u32| is_hidden(self.records[*page as usize].priority_px);
+        self.missing.iter().all(hidden)
+            && self
+                .fetches
+                .values()
+                .all(|fetch| fetch.pages.iter().all(hidden))
+            && self.decoded.keys().all(hidden)
+            && self.roots.is_empty()
+    }
+
     /// How things stand.
     pub fn stats(&self) -> StreamStats {
         let failed = |&&page: &&u32| matches!(self.state(page), PageState::Failed { .. });
+        let hidden = |page: &&u32| is_hidden(self.records[**page as usize].priority_px);
+        let hidden_missing = self.missing.iter().filter(hidden).count() as u64;
         StreamStats {
             pages_resident: (self.slots.used() + self.layout.roots.len()) as u64,
-            pages_missing: self.missing.len() as u64,
+            pages_missing: self.missing.len() as u64 - hidden_missing,
+            pages_hidden_missing: hidden_missing,
             pages_failed: self.missing.iter().filter(failed).count() as u64,
             fetches_in_flight: self.fetches.len() as u64,
             bytes_in_flight: self.in_flight_bytes,

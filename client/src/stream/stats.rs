@@ -29,8 +29,10 @@ pub struct StreamStats {
     pub pages_resident: u64,
     /// Pages wanted by the last update, as far as they were admitted.
     pub pages_wanted: u64,
-    /// Those of them that are not installed.
+    /// Visible pages of them that are not installed.
     pub pages_missing: u64,
+    /// Hidden pages that are not installed: they come last, and settling does not wait for them.
+    pub pages_hidden_missing: u64,
     /// Those of them that wait for the end of a back-off.
     pub pages_failed: u64,
     /// Fetches in flight.

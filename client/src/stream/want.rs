@@ -21,9 +21,25 @@ impl From<&RequestRecord> for StreamingRequest {
         Self {
             page: record.page,
             error_px: record.error_px,
-            priority_px: record.priority as f32 / PRIORITY_UNITS_A_PX,
+            priority_px: match record.priority {
+                0 => hidden_priority_px(record.error_px),
+                units => units as f32 * LEAST_VISIBLE_PX,
+            },
         }
     }
+}
+
+/// Least priority of a page with a visible group, pixels: one unit.
+const LEAST_VISIBLE_PX: f32 = 1.0 / PRIORITY_UNITS_A_PX;
+
+/// Priority of a page whose groups are all hidden: by their error, and below all visible ones.
+fn hidden_priority_px(error_px: f32) -> f32 {
+    0.5 * LEAST_VISIBLE_PX * (error_px / (1.0 + error_px)).clamp(0.0, 1.0)
+}
+
+/// Whether a priority is that of a page whose groups are all hidden.
+pub(crate) fn is_hidden(priority_px: f32) -> bool {
+    priority_px < LEAST_VISIBLE_PX
 }
 
 /// A page that is wanted, by itself or by one that depends on it.
@@ -41,6 +57,13 @@ const MAX_PRIORITY_PX: f32 = 1e30;
 /// How much larger a newcomer's priority must be than that of a wanted page whose slot it takes: without this, two pages
 /// of about the same priority would drive each other out for ever.
 const HYSTERESIS: f32 = 0.9;
+
+impl Want {
+    /// Whether all groups of the page, and of those that depend on it, are hidden.
+    pub(crate) fn is_hidden(&self) -> bool {
+        is_hidden(self.priority_px)
+    }
+}
 
 /// Scratch for closing requests, kept between updates.
 #[derive(Debug, Clone)]

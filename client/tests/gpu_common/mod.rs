@@ -320,7 +320,7 @@ pub fn placed(asset: u32, scale: [f64; 3], turn: f64, to: [f64; 3]) -> Instance 
     }
 }
 
-fn used(name: &str, materials: Vec<u32>) -> SceneAsset {
+pub fn used(name: &str, materials: Vec<u32>) -> SceneAsset {
     SceneAsset {
         name: name.to_owned(),
         asset: ContentHash::of(&[]),

@@ -11,7 +11,12 @@ pub fn compact_requests(
     counters: &mut Counters,
     requests: &mut Vec<RequestRecord>,
 ) {
-    for (page, &[error_bits, priority]) in page_priority.iter().enumerate() {
+    for (page, &[visible_bits, priority, hidden_bits]) in page_priority.iter().enumerate() {
+        // A hidden page has no priority.
+        let error_bits = match visible_bits {
+            0 => hidden_bits,
+            bits => bits,
+        };
         if error_bits != 0 {
             let request = RequestRecord {
                 page: page as u32,

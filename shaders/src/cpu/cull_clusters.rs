@@ -7,38 +7,59 @@ use lodestream_format::memory_form::ClusterHeader;
 use super::append;
 use super::error_metric::refine;
 use super::view::{CLUSTER_SLACK, aabb_in_frustum};
+use super::visit::CullInput;
 use crate::arrays::SceneArrays;
 use crate::types::{AssetRecord, ClusterItem, Counters, InstanceRecord, View};
 
-/// Candidates to visible clusters. A candidate whose page is not in `pool` is dropped.
+/// Candidates to visible clusters; the early pass puts hidden ones into `rejected`. A candidate
+/// whose page is not in `pool` is dropped.
 pub fn cull_clusters(
-    arrays: &SceneArrays,
-    view: &View,
-    page_table: &[u32],
+    input: &CullInput<'_>,
     pool: &[u32],
     candidates: &[ClusterItem],
     counters: &mut Counters,
+    rejected: &mut Vec<ClusterItem>,
     visible: &mut Vec<ClusterItem>,
 ) {
+    let CullInput {
+        arrays,
+        view,
+        page_table,
+        occluder,
+    } = *input;
     for item in candidates {
         let page = pool.get(item.page_word as usize..).unwrap_or(&[]);
         let Some(cluster) = ClusterView::new(page, item.cluster) else {
             continue;
         };
         let header = &cluster.header;
-        if in_cut(arrays, view, page_table, item.instance, header)
-            && cluster_in_frustum(arrays, view, item.instance, header)
+        if !in_cut(arrays, view, page_table, item.instance, header)
+            || !cluster_in_frustum(arrays, view, item.instance, header)
         {
-            counters.triangles_drawn = counters
-                .triangles_drawn
-                .wrapping_add(header.triangle_count());
-            append(
-                visible,
-                *item,
-                &mut counters.visible_count,
-                view.cluster_capacity,
-            );
+            continue;
         }
+        let (instance, asset) = instance_and_asset(arrays, item.instance);
+        let [low, high] = cluster_box(header, asset);
+        if let Some(occluder) = occluder
+            && occluder.hides(instance, low, high)
+        {
+            if occluder.late {
+                counters.hidden_clusters += 1;
+            } else {
+                counters.rejected_clusters += 1;
+                rejected.push(*item);
+            }
+            continue;
+        }
+        counters.triangles_drawn = counters
+            .triangles_drawn
+            .wrapping_add(header.triangle_count());
+        append(
+            visible,
+            *item,
+            &mut counters.visible_count,
+            view.cluster_capacity,
+        );
     }
 }
 
@@ -68,12 +89,17 @@ pub fn cluster_in_frustum(
     header: &ClusterHeader,
 ) -> bool {
     let (instance, asset) = instance_and_asset(arrays, instance);
+    let [low, high] = cluster_box(header, asset);
+    view.is_reference() || aabb_in_frustum(instance, view, low, high, CLUSTER_SLACK)
+}
+
+/// Smallest and largest corner, local metres, exact.
+fn cluster_box(header: &ClusterHeader, asset: &AssetRecord) -> [[f32; 3]; 2] {
     let (origin, extent) = (header.origin(), header.extent());
-    let aabb_min = origin.map(|q| q as f32 * asset.position_step);
-    let aabb_max = std::array::from_fn(|axis| {
-        (origin[axis] + extent[axis] as i32) as f32 * asset.position_step
-    });
-    view.is_reference() || aabb_in_frustum(instance, view, aabb_min, aabb_max, CLUSTER_SLACK)
+    let corner = |reach: [i32; 3]| {
+        std::array::from_fn(|axis| (origin[axis] + reach[axis]) as f32 * asset.position_step)
+    };
+    [corner([0; 3]), corner(extent.map(|side| side as i32))]
 }
 
 fn instance_and_asset(arrays: &SceneArrays, instance: u32) -> (&InstanceRecord, &AssetRecord) {

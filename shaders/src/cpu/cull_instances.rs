@@ -1,33 +1,36 @@
 //! Twin of `wgsl/cull_instances.wgsl`.
 
-use super::append;
 use super::view::{NODE_SLACK, aabb_in_frustum};
-use crate::arrays::SceneArrays;
-use crate::types::{Counters, NodeItem, View};
+use super::visit::{CullInput, CullOutput, HIDDEN_FLAG, WHOLE_INSTANCE};
+use crate::types::NodeItem;
 
-/// Appends the root node of every instance in the frustum.
-pub fn cull_instances(
-    arrays: &SceneArrays,
-    view: &View,
-    counters: &mut Counters,
-    node_queue_out: &mut Vec<NodeItem>,
-) {
-    for (index, instance) in arrays.instances.iter().enumerate() {
+/// Appends the root node of every instance in the frustum; the early pass rejects hidden ones.
+pub fn cull_instances(input: &CullInput<'_>, output: &mut CullOutput) {
+    let (arrays, view) = (input.arrays, input.view);
+    for (index, instance) in (0..).zip(&arrays.instances) {
         let asset = &arrays.assets[instance.asset as usize];
-        let seen = view.is_reference()
-            || aabb_in_frustum(instance, view, asset.aabb_min, asset.aabb_max, NODE_SLACK);
-        if seen {
-            counters.instances_drawn += 1;
-            let item = NodeItem {
-                instance: index as u32,
-                node: 0,
-            };
-            append(
-                node_queue_out,
-                item,
-                &mut counters.next_node_count,
-                view.node_capacity,
-            );
+        let (low, high) = (asset.aabb_min, asset.aabb_max);
+        if !view.is_reference() && !aabb_in_frustum(instance, view, low, high, NODE_SLACK) {
+            continue;
         }
+        let item = |node| NodeItem {
+            instance: index,
+            node,
+        };
+        let mut root = item(0);
+        if let Some(occluder) = &input.occluder
+            && occluder.hides(instance, low, high)
+        {
+            if occluder.late {
+                output.counters.hidden_instances += 1;
+                root = item(HIDDEN_FLAG);
+            } else if output.reject_node(view, item(WHOLE_INSTANCE)) {
+                continue;
+            }
+        }
+        if root.node == 0 {
+            output.counters.instances_drawn += 1;
+        }
+        output.append_node(view, root);
     }
 }

@@ -3,8 +3,11 @@
 use super::compact_requests::compact_requests;
 use super::cull_clusters::cull_clusters;
 use super::cull_instances::cull_instances;
-use super::cull_nodes::{NodeOutput, cull_nodes};
-use super::prepare::{prepare_clusters, prepare_nodes, prepare_raster};
+use super::cull_nodes::cull_nodes;
+use super::cull_rejected::cull_rejected;
+use super::occlusion::Occluder;
+use super::prepare::{prepare_clusters, prepare_nodes, prepare_raster, prepare_rejected};
+use super::visit::{CullInput, CullOutput};
 use crate::arrays::SceneArrays;
 use crate::types::{ClusterItem, Counters, IndirectArgs, RequestRecord, View};
 
@@ -24,53 +27,118 @@ pub struct Culled {
     pub args: IndirectArgs,
 }
 
-/// Culls a frame. `page_table` has a word a page of the scene: where its memory form begins in `pool`, or
-/// [`NOT_INSTALLED`](crate::types::NOT_INSTALLED).
+/// Culls a frame without occlusion. `page_table` has a word a page of the scene: where its memory
+/// form begins in `pool`, or [`NOT_INSTALLED`](crate::types::NOT_INSTALLED).
 pub fn cut(arrays: &SceneArrays, view: &View, page_table: &[u32], pool: &[u32]) -> Culled {
-    let mut culled = cull_hierarchy(arrays, view, page_table);
-    let (counters, args) = (&mut culled.counters, &mut culled.args);
-    prepare_clusters(view, counters, args);
-    cull_clusters(
+    let input = CullInput {
         arrays,
         view,
         page_table,
-        pool,
-        &culled.candidates,
-        counters,
-        &mut culled.visible,
-    );
-    prepare_raster(view, counters, args);
-    culled
+        occluder: None,
+    };
+    cut_early(&input, pool).into_culled(view)
+}
+
+/// The early pass of a frame, or the only one: `input.occluder` has the last frame's depths.
+pub fn cut_early(input: &CullInput<'_>, pool: &[u32]) -> Frame {
+    let mut frame = cull_hierarchy(input);
+    frame.cull_clusters(input, pool);
+    frame
+}
+
+/// The late pass: `input.occluder` has the depths of the clusters that the early pass drew. What
+/// both rejected is hidden.
+pub fn cut_late(input: &CullInput<'_>, occluder: &Occluder<'_>, frame: &mut Frame, pool: &[u32]) {
+    let rejected = std::mem::take(&mut frame.output.rejected_nodes);
+    let output = &mut frame.output;
+    prepare_rejected(input.view, &output.counters, &mut frame.args);
+    cull_rejected(input, occluder, &rejected, output);
+    frame.cull_levels(input);
+    frame.cull_clusters(input, pool);
 }
 
 /// The streaming requests of a frame, for whoever has no pages: they depend on the hierarchy alone.
 pub fn requests_only(arrays: &SceneArrays, view: &View) -> (Vec<RequestRecord>, Counters) {
-    let culled = cull_hierarchy(arrays, view, &arrays.empty_page_table());
+    let input = CullInput {
+        arrays,
+        view,
+        page_table: &arrays.empty_page_table(),
+        occluder: None,
+    };
+    let culled = cull_hierarchy(&input).into_culled(view);
     (culled.requests, culled.counters)
 }
 
-fn cull_hierarchy(arrays: &SceneArrays, view: &View, page_table: &[u32]) -> Culled {
-    let mut culled = Culled::default();
-    let mut page_priority = vec![[0; 2]; arrays.page_count as usize];
-    let (mut node_queue_in, mut node_queue_out) = (Vec::new(), Vec::new());
-    cull_instances(arrays, view, &mut culled.counters, &mut node_queue_out);
-    for _ in 0..arrays.depth {
-        prepare_nodes(view, &mut culled.counters, &mut culled.args);
-        std::mem::swap(&mut node_queue_in, &mut node_queue_out);
-        node_queue_out.clear();
-        let mut output = NodeOutput {
-            node_queue_out: &mut node_queue_out,
-            candidates: &mut culled.candidates,
-            page_priority: &mut page_priority,
-            counters: &mut culled.counters,
-        };
-        cull_nodes(arrays, view, page_table, &node_queue_in, &mut output);
+/// A frame on its way through the passes.
+#[derive(Debug, Default)]
+pub struct Frame {
+    output: CullOutput,
+    rejected_clusters: Vec<ClusterItem>,
+    visible: Vec<ClusterItem>,
+    args: IndirectArgs,
+}
+
+fn cull_hierarchy(input: &CullInput<'_>) -> Frame {
+    let mut frame = Frame::default();
+    frame.output.page_priority = vec![[0; 3]; input.arrays.page_count as usize];
+    cull_instances(input, &mut frame.output);
+    frame.cull_levels(input);
+    frame
+}
+
+impl Frame {
+    /// The clusters that are drawn so far.
+    pub fn visible(&self) -> &[ClusterItem] {
+        &self.visible
     }
-    compact_requests(
-        view,
-        &page_priority,
-        &mut culled.counters,
-        &mut culled.requests,
-    );
-    culled
+
+    /// The counters so far.
+    pub fn counters(&self) -> &Counters {
+        &self.output.counters
+    }
+
+    fn cull_levels(&mut self, input: &CullInput<'_>) {
+        let output = &mut self.output;
+        for _ in 0..input.arrays.depth {
+            prepare_nodes(input.view, &mut output.counters, &mut self.args);
+            let node_queue_in = std::mem::take(&mut output.node_queue_out);
+            cull_nodes(input, &node_queue_in, output);
+        }
+    }
+
+    fn cull_clusters(&mut self, input: &CullInput<'_>, pool: &[u32]) {
+        let output = &mut self.output;
+        let counters = &mut output.counters;
+        prepare_clusters(input.view, counters, &mut self.args);
+        let new = counters.first_candidate as usize..counters.last_candidate as usize;
+        let mut tested = std::mem::take(&mut self.rejected_clusters);
+        tested.extend(&output.candidates[new]);
+        cull_clusters(
+            input,
+            pool,
+            &tested,
+            counters,
+            &mut self.rejected_clusters,
+            &mut self.visible,
+        );
+        prepare_raster(input.view, counters, &mut self.args);
+    }
+
+    /// Ends the frame: the requests of all passes.
+    pub fn into_culled(self, view: &View) -> Culled {
+        let mut culled = Culled {
+            visible: self.visible,
+            candidates: self.output.candidates,
+            requests: Vec::new(),
+            counters: self.output.counters,
+            args: self.args,
+        };
+        compact_requests(
+            view,
+            &self.output.page_priority,
+            &mut culled.counters,
+            &mut culled.requests,
+        );
+        culled
+    }
 }

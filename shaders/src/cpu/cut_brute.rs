@@ -58,7 +58,7 @@ pub fn requests_brute(
     view: &View,
     group_aabbs: &[Aabb],
 ) -> Vec<RequestRecord> {
-    let mut priorities = vec![[0u32; 2]; arrays.page_count as usize];
+    let mut priorities = vec![[0u32; 3]; arrays.page_count as usize];
     for instance in &arrays.instances {
         let asset = &arrays.assets[instance.asset as usize];
         for (number, group) in groups_of(arrays, instance.asset).iter().enumerate() {
@@ -79,9 +79,9 @@ pub fn requests_brute(
     let wanted = priorities
         .iter()
         .enumerate()
-        .filter(|&(_, &[error_bits, _])| error_bits != 0);
+        .filter(|&(_, &[error_bits, ..])| error_bits != 0);
     wanted
-        .map(|(page, &[error_bits, priority])| RequestRecord {
+        .map(|(page, &[error_bits, priority, _])| RequestRecord {
             page: page as u32,
             error_px: f32::from_bits(error_bits),
             priority,

@@ -82,13 +82,19 @@ pub fn priority_units(error_metres: f32, projected_px: f32, size_px: [u32; 2]) -
     ((px * PRIORITY_UNITS_A_PX) as u32).max(1)
 }
 
-/// The two words of a page's request: the largest error's bits, the saturating sum of units.
-pub type RequestWords = [u32; 2];
+/// The words of a page's request: the bits of the largest error of any visible group, the
+/// saturating sum of their units, and the bits of the largest error of any hidden group.
+pub type RequestWords = [u32; 3];
 
-/// Adds what one group of one instance asks of a page.
+/// Adds what one visible group of one instance asks of a page.
 pub fn add_request(words: &mut RequestWords, error_bits: u32, units: u32) {
     words[0] = words[0].max(error_bits);
     words[1] = words[1].saturating_add(units);
+}
+
+/// Adds what one hidden group of one instance asks of a page.
+pub fn add_hidden_request(words: &mut RequestWords, error_bits: u32) {
+    words[2] = words[2].max(error_bits);
 }
 
 /// Whether all pages of a group are installed; `page_base` is its asset's first page.
@@ -217,7 +223,7 @@ mod tests {
             let units: Vec<u32> = (0..40)
                 .map(|at| (chance(2 + at) % size.max(1)).max(1))
                 .collect();
-            let mut words = [0; 2];
+            let mut words = [0; 3];
             units
                 .iter()
                 .for_each(|&units| add_request(&mut words, 1, units));

@@ -19,14 +19,30 @@ pub fn prepare_nodes(view: &View, counters: &mut Counters, args: &mut IndirectAr
     args.nodes = workgroups(counters.node_count, WORKGROUP_THREADS / NODE_THREADS);
 }
 
-/// Arguments of `cull_clusters`.
-pub fn prepare_clusters(view: &View, counters: &Counters, args: &mut IndirectArgs) {
-    let count = counters.candidate_count.min(view.cluster_capacity);
+/// Arguments of `cull_rejected`.
+pub fn prepare_rejected(view: &View, counters: &Counters, args: &mut IndirectArgs) {
+    let count = counters.rejected_nodes.min(view.node_capacity);
+    args.nodes = workgroups(count, WORKGROUP_THREADS);
+}
+
+/// Arguments of `cull_clusters`: the candidates since the last call, and the clusters rejected since.
+pub fn prepare_clusters(view: &View, counters: &mut Counters, args: &mut IndirectArgs) {
+    counters.first_candidate = counters.last_candidate;
+    counters.last_candidate = counters.candidate_count.min(view.cluster_capacity);
+    counters.retested_clusters = counters.rejected_clusters;
+    let candidates = counters.last_candidate - counters.first_candidate;
+    let count = counters.retested_clusters + candidates;
     args.clusters = workgroups(count, WORKGROUP_THREADS);
 }
 
-/// Arguments of `raster`.
-pub fn prepare_raster(view: &View, counters: &Counters, args: &mut IndirectArgs) {
-    let count = counters.visible_count.min(view.cluster_capacity);
+/// Arguments of `raster`: the visible clusters since the last call.
+pub fn prepare_raster(view: &View, counters: &mut Counters, args: &mut IndirectArgs) {
+    args.first_visible = counters.drawn_count;
+    counters.drawn_count = counters.visible_count.min(view.cluster_capacity);
+    if counters.draws == 0 {
+        counters.early_count = counters.drawn_count;
+    }
+    counters.draws += 1;
+    let count = counters.drawn_count - args.first_visible;
     args.raster = [RASTER_VERTICES, count, 0, 0];
 }

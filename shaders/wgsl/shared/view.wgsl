@@ -20,11 +20,6 @@ fn thread_index(workgroup: vec3<u32>, local: u32) -> u32 {
     return (workgroup.y * MAX_WORKGROUPS_X + workgroup.x) * WORKGROUP_THREADS + local;
 }
 
-// Where the `place`-th appended item goes: into the half of the node queues that is not read.
-fn node_out(half_read: u32, place: u32) -> u32 {
-    return (1u - half_read) * view.node_capacity + place;
-}
-
 fn is_reference(view: View) -> bool {
     return (view.flags & VIEW_FLAG_REFERENCE) != 0u;
 }

@@ -1,6 +1,7 @@
 //! The passes in frame order, a file a family: which pipelines a frame needs, with which buffers, over how many threads.
 
 mod cull;
+mod hzb;
 mod present;
 mod raster;
 mod requests;
@@ -8,6 +9,7 @@ mod shade;
 mod transcode;
 
 pub use cull::Cull;
+pub use hzb::BuildHzb;
 pub use present::Present;
 pub use raster::Raster;
 pub use requests::Requests;
@@ -38,5 +40,13 @@ impl Parts<'_> {
         pass: &lodestream_shaders::passes::Pass,
     ) -> Result<super::pipelines::Bound, GpuError> {
         self.pipelines.bind(pass, &self.buffers.named(self.pool))
+    }
+
+    fn bind_late(
+        &mut self,
+        pass: &lodestream_shaders::passes::Pass,
+    ) -> Result<super::pipelines::Bound, GpuError> {
+        self.pipelines
+            .bind(pass, &self.buffers.named_late(self.pool))
     }
 }

@@ -74,9 +74,19 @@ impl Raster {
 
     /// Draws what `prepare_raster` counted.
     pub fn record(&self, recorder: &mut Recorder<'_>) {
+        self.record_as(recorder, self.raster.name());
+    }
+
+    /// Draws what the late pass added.
+    pub fn record_late(&self, recorder: &mut Recorder<'_>) {
+        self.record_as(recorder, "late_raster");
+    }
+
+    fn record_as(&self, recorder: &mut Recorder<'_>, span: &'static str) {
         let offset = offset_of!(IndirectArgs, raster);
-        for pass in std::iter::once(&self.raster).chain(&self.raster_overdraw) {
-            recorder.draw_indirect(pass, &self.unwritten, &self.args, offset);
+        recorder.draw_indirect(span, &self.raster, &self.unwritten, &self.args, offset);
+        if let Some(pass) = &self.raster_overdraw {
+            recorder.draw_indirect(pass.name(), pass, &self.unwritten, &self.args, offset);
         }
     }
 }
