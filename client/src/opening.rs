@@ -37,6 +37,8 @@ pub struct SessionOptions {
     pub mode: ShadeMode,
     /// Whether what is hidden is culled.
     pub occlusion: bool,
+    /// Whether pages of what is hidden are fetched, after all others: for cameras that move.
+    pub fetches_hidden: bool,
     /// Part of the name of the adapter to use.
     pub adapter: Option<String>,
     /// How pages are asked for.
@@ -60,6 +62,7 @@ impl SessionOptions {
             pool_bytes: None,
             mode: ShadeMode::Shaded,
             occlusion: true,
+            fetches_hidden: false,
             adapter: None,
             transport: Transport::default(),
             limits: StreamLimits::default(),

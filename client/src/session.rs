@@ -74,6 +74,7 @@ impl Session {
         let config = ResidencyConfig {
             pixel_error_px: options.pixel_error_px,
             readback_updates: options.readback_updates,
+            fetches_hidden: options.fetches_hidden,
             ..ResidencyConfig::new(pool_bytes)
         };
         let streamer = Streamer::new(
@@ -237,7 +238,17 @@ impl Session {
     /// One frame that asks for pages, waited for. It draws where depths of this view are needed to say
     /// what is hidden. Returns its requests, once it is whole.
     pub fn request_pages(&mut self, camera: &Camera) -> Result<Vec<StreamingRequest>, ClientError> {
-        let work = match self.renderer.sees(&self.view(camera)) {
+        let view = self.view(camera);
+        if !self.renderer.has_depths(&view) {
+            // Without depths a frame asks for hidden pages as if they were visible: only its depths
+            // are taken.
+            self.renderer.draw(&view, Work::Visbuffer)?;
+            self.frames += 1;
+            for result in self.renderer.collect(true)? {
+                self.grow(&result.counters)?;
+            }
+        }
+        let work = match self.renderer.sees(&view) {
             true => Work::Requests,
             false => Work::Visbuffer,
         };
@@ -248,6 +259,7 @@ impl Session {
         self.look(camera);
         loop {
             let view = self.view(camera);
+            tracing::debug!(?work, "frame");
             self.renderer.draw(&view, work)?;
             self.frames += 1;
             let results = self.renderer.collect(true)?;

@@ -6,10 +6,13 @@
 
 mod gpu_common;
 
+use std::collections::BTreeSet;
+
 use gpu_common::{TestScene, gpu, look, material, placed, sheet, torus, used};
 use lodestream_client::gpu::{Renderer, Work, read_buffer};
 use lodestream_format::Scene;
-use lodestream_shaders::cpu::{Camera, Hzb, near_for_radius};
+use lodestream_shaders::cpu::visit::CullInput;
+use lodestream_shaders::cpu::{self, Camera, Capacities, Hzb, Occluder, near_for_radius};
 use lodestream_shaders::types::{ClusterItem, Counters, InstanceRecord, View};
 
 /// Frames of the random walk; `OCCLUSION_FRAMES` sets another number.
@@ -284,4 +287,76 @@ fn hidden_pages_are_asked_for_last() {
     for (culled, whole) in culled.iter().zip(&whole) {
         assert!(culled.priority <= whole.priority && culled.error_px <= whole.error_px);
     }
+}
+
+/// Both passes decide as the twins do, given the same depths, but for what lies within rounding.
+#[test]
+fn both_passes_agree_with_the_twins() {
+    let Some(gpu) = gpu() else { return };
+    let test = hall();
+    let near = near_for_radius(test.arrays.bounds_in_world().unwrap().1);
+    let size_px = SIZES[5];
+    let (pool, page_table) = test.twin_pool(1.0);
+    let mut renderer = test.renderer(&gpu, 1.0, size_px);
+    let mut random = Random(0x2545_f491_4f6c_dd1d);
+    let (mut late_clusters, mut hidden_nodes) = (0, 0);
+    for walk in 0..12 {
+        let camera = random_camera(&mut random, size_px);
+        let aside = Camera {
+            eye: camera.eye + glam::DVec3::new(0.3, 0.1, -0.2),
+            ..camera
+        };
+        let [first, second] = [camera, aside].map(|camera| {
+            let view = camera.view(near, 1.0);
+            view.with_scene(&test.arrays, Capacities::UNBOUNDED)
+        });
+        renderer.resize([1, 1]).unwrap();
+        renderer.resize(size_px).unwrap();
+        draw(&mut renderer, &first);
+        let last = Hzb::new(&renderer.read_visbuffer().unwrap(), size_px);
+        let counters = draw(&mut renderer, &second);
+        let found: BTreeSet<_> = renderer.read_visible().unwrap().into_iter().collect();
+
+        let occluder = |view, hzb, late| Occluder { view, hzb, late };
+        let early = occluder(&first, &last, false);
+        let input = |occluder| CullInput {
+            arrays: &test.arrays,
+            view: &second,
+            page_table: &page_table,
+            occluder: Some(occluder),
+        };
+        let mut frame = cpu::cut_early(&input(early), &pool);
+        let early_count = frame.visible().len() as u32;
+        let drawn = cpu::raster(frame.visible(), &test.arrays, &pool, &second);
+        let this = Hzb::new(&drawn, size_px);
+        let late = occluder(&second, &this, true);
+        cpu::cut_late(&input(late), &late, &mut frame, &pool);
+        let expected: BTreeSet<_> = frame.visible().iter().copied().collect();
+        assert_eq!(
+            expected.len(),
+            frame.visible().len(),
+            "nothing is drawn twice"
+        );
+
+        let apart = found.symmetric_difference(&expected).count();
+        assert!(
+            apart <= 2 + expected.len() / 100,
+            "walk {walk}: {apart} of {}",
+            expected.len()
+        );
+        let near_count = |a: u32, b: u32| a.abs_diff(b) <= 2 + b / 50;
+        assert!(near_count(counters.early_count, early_count), "walk {walk}");
+        let twin = frame.counters();
+        assert!(
+            near_count(counters.hidden_nodes, twin.hidden_nodes),
+            "walk {walk}"
+        );
+        assert!(
+            near_count(counters.hidden_clusters, twin.hidden_clusters),
+            "walk {walk}"
+        );
+        late_clusters += twin.drawn_count - twin.early_count;
+        hidden_nodes += twin.hidden_nodes;
+    }
+    assert!(late_clusters > 0 && hidden_nodes > 0);
 }

@@ -100,6 +100,12 @@ impl Occlusion {
         }
     }
 
+    /// Whether a frame of `view` is tested against depths of any view, or no test is wanted.
+    pub fn has_depths(&self, view: &View) -> bool {
+        let sized = |drawn: &View| drawn.size_px == view.size_px;
+        self.off || self.sleep_frames > 0 || self.drawn.as_ref().is_some_and(sized)
+    }
+
     /// Whether requests of `view` without a picture would be tested against depths of that very view.
     pub fn sees(&self, view: &View) -> bool {
         let same = |drawn: &View| {

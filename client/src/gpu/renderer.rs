@@ -143,6 +143,11 @@ impl Renderer {
         self.occlusion.sees(&self.filled(view))
     }
 
+    /// Whether the next frame of `view` is tested for occlusion, or none is.
+    pub fn has_depths(&self, view: &View) -> bool {
+        self.occlusion.has_depths(&self.filled(view))
+    }
+
     /// [`Renderer::sees`], with all pages drawn that are installed now.
     pub fn is_current(&self, view: &View) -> bool {
         self.occlusion.is_current(&self.filled(view), self.patches)

@@ -36,6 +36,8 @@ pub struct ResidencyConfig {
     /// Updates from a new camera or pixel error to the first requests made with it, at least: what settling and the
     /// governor wait for.
     pub readback_updates: u32,
+    /// Whether hidden pages are fetched, after all visible ones. A still picture never needs them.
+    pub fetches_hidden: bool,
     /// Who leaves.
     pub policy: Box<dyn EvictionPolicy>,
 }
@@ -50,6 +52,7 @@ impl ResidencyConfig {
             max_in_flight_bytes: 64 << 20,
             max_uploads: 64,
             readback_updates: 8,
+            fetches_hidden: true,
             policy: Box::new(DecayedError::default()),
         }
     }
@@ -128,6 +131,7 @@ pub struct Residency<Form = DiskForm> {
     pub(super) max_in_flight_bytes: u64,
     pub(super) max_uploads: usize,
     readback_updates: u32,
+    fetches_hidden: bool,
     closure: Closure,
     governor: Governor,
     cancelled: Vec<u64>,
@@ -217,6 +221,7 @@ impl<Form: PageForm> Residency<Form> {
             max_in_flight_bytes: config.max_in_flight_bytes,
             max_uploads: config.max_uploads.max(1),
             readback_updates: config.readback_updates.max(1),
+            fetches_hidden: config.fetches_hidden,
             cancelled: Vec::new(),
             pages,
             layout,
@@ -242,6 +247,10 @@ impl<Form: PageForm> Residency<Form> {
             wants.retain(|want| want.error_px > threshold_px);
         }
         let records = &self.records;
+        if !self.fetches_hidden {
+            let installed = |page: u32| records[page as usize].state == PageState::Installed;
+            wants.retain(|want| !want.is_hidden() || installed(want.page));
+        }
         admit(&mut wants, self.layout.slot_count as usize, |page| {
             records[page as usize].state == PageState::Installed
         });

@@ -216,6 +216,7 @@ impl Opened {
         let session_options = SessionOptions {
             size_px,
             mode: ShadeMode::Shaded,
+            fetches_hidden: true,
             ..options.session.clone()
         };
         let mut session = Session::on(&gpu, &session_options)?;
