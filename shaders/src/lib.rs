@@ -4,7 +4,9 @@
 //!
 //! ```text
 //! transcode -> cull_instances -> (prepare_nodes -> cull_nodes) x depth -> prepare_clusters -> cull_clusters
-//!           -> prepare_raster -> raster -> shade -> compact_requests
+//!           -> prepare_raster -> raster -> build_hzb -> build_hzb_top
+//!           -> prepare_rejected -> cull_rejected -> (the same from prepare_nodes to raster)
+//!           -> shade -> compact_requests
 //! ```
 //!
 //! `wgsl/NAME.wgsl` is the pass, `src/cpu/NAME.rs` its twin; `wgsl/shared/` is what passes share. A pass is believed when
