@@ -58,6 +58,9 @@ struct SceneArgs {
     /// What the picture shows.
     #[arg(long, value_enum, default_value_t = Mode::Shaded)]
     mode: Mode,
+    /// Rasterizer of small clusters: auto and compute take compute, hardware draws all by hardware.
+    #[arg(long, value_enum, default_value_t = Rasterizer::Auto)]
+    raster: Rasterizer,
     /// Draw what is hidden behind other things too.
     #[arg(long)]
     no_occlusion: bool,
@@ -184,6 +187,13 @@ impl From<Mode> for ShadeMode {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
+enum Rasterizer {
+    Auto,
+    Hardware,
+    Compute,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
 enum By {
     Get,
     Post,
@@ -235,6 +245,7 @@ impl SceneArgs {
             texture_memory_bytes: bytes(self.texture_memory),
             mode: self.mode.into(),
             occlusion: !self.no_occlusion,
+            compute_raster: !matches!(self.raster, Rasterizer::Hardware),
             adapter: self.adapter.clone(),
             transport: match self.transport {
                 By::Get => Transport::Get,

@@ -37,6 +37,8 @@ pub struct SessionOptions {
     pub mode: ShadeMode,
     /// Whether what is hidden is culled.
     pub occlusion: bool,
+    /// Whether small clusters go to the compute rasterizer, or all to the hardware.
+    pub compute_raster: bool,
     /// Whether pages of what is hidden are fetched, after all others: for cameras that move.
     pub fetches_hidden: bool,
     /// Part of the name of the adapter to use.
@@ -62,6 +64,7 @@ impl SessionOptions {
             pool_bytes: None,
             mode: ShadeMode::Shaded,
             occlusion: true,
+            compute_raster: true,
             fetches_hidden: false,
             adapter: None,
             transport: Transport::default(),

@@ -86,6 +86,8 @@ pub struct Drawn {
     pub triangles: u64,
     /// Clusters drawn by the hardware rasterizer.
     pub clusters_hardware: u64,
+    /// Clusters drawn by the compute rasterizer.
+    pub clusters_software: u64,
     /// Clusters that the depths of the last frame did not hide.
     pub clusters_early: u64,
     /// Clusters that those hid and this frame's did not.
@@ -107,7 +109,8 @@ impl From<&Counters> for Drawn {
             nodes_visited: counters.nodes_visited as u64,
             clusters: counters.visible_count as u64,
             triangles: counters.triangles_drawn as u64,
-            clusters_hardware: counters.visible_count as u64,
+            clusters_hardware: counters.hardware_count as u64,
+            clusters_software: counters.compute_count as u64,
             clusters_early: counters.early_count as u64,
             clusters_late: (counters.drawn_count - counters.early_count) as u64,
             hidden_instances: counters.hidden_instances as u64,

@@ -89,6 +89,7 @@ impl Session {
             Renderer::new(gpu, opening.arrays.clone(), words as u64, options.size_px)?;
         renderer.set_mode(options.mode)?;
         renderer.set_occlusion(options.occlusion);
+        renderer.set_compute_raster(options.compute_raster);
         opening.load_textures(&mut renderer, options, &mut report)?;
         let mut session = Self {
             near_metres: near_metres(&opening.arrays, &opening.subject),

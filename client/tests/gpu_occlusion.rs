@@ -16,7 +16,7 @@ use lodestream_shaders::cpu::{self, Camera, Capacities, Hzb, Occluder, near_for_
 use lodestream_shaders::types::{ClusterItem, Counters, InstanceRecord, View};
 
 /// Frames of the random walk; `OCCLUSION_FRAMES` sets another number.
-const FRAMES: u32 = 400;
+const FRAMES: u32 = 250;
 const SIZES: [[u32; 2]; 7] = [
     [1, 1],
     [63, 64],

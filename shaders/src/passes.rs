@@ -212,6 +212,7 @@ pub const CULL_CLUSTERS: Pass = pass(
         read("hzb"),
         write("counters"),
         write("clusters"),
+        write("draw_lists"),
     ],
     PoolAccess::Read,
 );
@@ -234,6 +235,23 @@ pub const RASTER: Pass = pass(
         read("instances"),
         read("clusters"),
         read("args"),
+        read("draw_lists"),
+        write("visbuffer"),
+    ],
+    PoolAccess::Read,
+);
+/// Small visible clusters to the visbuffer, a workgroup a cluster.
+pub const RASTER_COMPUTE: Pass = pass(
+    "raster_compute",
+    include_str!("../wgsl/raster_compute.wgsl"),
+    &["raster_compute"],
+    &[
+        uniform("view"),
+        read("scene"),
+        read("instances"),
+        read("clusters"),
+        read("args"),
+        read("draw_lists"),
         write("visbuffer"),
     ],
     PoolAccess::Read,
@@ -249,6 +267,7 @@ pub const RASTER_MASKED: Pass = pass(
         read("instances"),
         read("clusters"),
         read("args"),
+        read("draw_lists"),
         write("visbuffer"),
         read("texels"),
     ],
@@ -265,6 +284,7 @@ pub const RASTER_OVERDRAW: Pass = pass(
         read("instances"),
         read("clusters"),
         read("args"),
+        read("draw_lists"),
         write("color"),
     ],
     PoolAccess::Read,
@@ -325,7 +345,7 @@ pub const PRESENT: Pass = pass(
 );
 
 /// Every pass in frame order.
-pub const ALL: [Pass; 19] = [
+pub const ALL: [Pass; 20] = [
     RESTORE,
     RESTORE_NORMALS,
     TRANSCODE,
@@ -338,6 +358,7 @@ pub const ALL: [Pass; 19] = [
     CULL_CLUSTERS,
     PREPARE_RASTER,
     RASTER,
+    RASTER_COMPUTE,
     RASTER_MASKED,
     RASTER_OVERDRAW,
     BUILD_HZB,
@@ -356,6 +377,11 @@ const SHARED: &[(&str, &str)] = &[
         include_str!("../wgsl/shared/error_metric.wgsl"),
     ),
     ("refine", include_str!("../wgsl/shared/refine.wgsl")),
+    ("snap", include_str!("../wgsl/shared/snap.wgsl")),
+    (
+        "raster_choice",
+        include_str!("../wgsl/shared/raster_choice.wgsl"),
+    ),
     ("hzb", include_str!("../wgsl/shared/hzb.wgsl")),
     ("occlusion", include_str!("../wgsl/shared/occlusion.wgsl")),
     (

@@ -73,6 +73,10 @@ pub mod view_flag {
     pub const OCCLUSION: u32 = 2;
     /// Of the occluder: its depths are this frame's, so hidden is hidden.
     pub const LATE: u32 = 4;
+    /// Everything goes to the hardware rasterizer.
+    pub const HARDWARE: u32 = 8;
+    /// Some material of the scene can hide a fragment.
+    pub const MASKED: u32 = 16;
 }
 
 /// What `shade` shows.
@@ -243,6 +247,14 @@ pub struct Counters {
     pub retested_clusters: u32,
     /// Visible clusters that were drawn or are about to be.
     pub drawn_count: u32,
+    /// Those of them that the hardware draws.
+    pub hardware_count: u32,
+    /// Those that the compute rasterizer draws.
+    pub compute_count: u32,
+    /// Entries of the hardware's list that passes before drew.
+    pub hardware_drawn: u32,
+    /// Entries of the compute rasterizer's list that passes before drew.
+    pub compute_drawn: u32,
     /// Draws of visible clusters: one a pass.
     pub draws: u32,
     /// Clusters of the first of them.
@@ -255,14 +267,19 @@ pub struct Counters {
 pub struct IndirectArgs {
     /// `dispatch_workgroups_indirect` of `cull_nodes` and `cull_rejected`.
     pub nodes: [u32; 3],
-    /// Visible index of the draw's first cluster: WebGPU has no first instance in an indirect draw.
-    pub first_visible: u32,
+    /// First entry of the draw in the hardware's list: WebGPU has no first instance in an indirect
+    /// draw.
+    pub first_hardware: u32,
     /// `dispatch_workgroups_indirect` of `cull_clusters`.
     pub clusters: [u32; 3],
-    /// Zero.
-    pub spare: u32,
+    /// First entry of the dispatch in the compute rasterizer's list.
+    pub first_compute: u32,
     /// `draw_indirect` of `raster`: vertices, instances, first vertex, first instance.
     pub raster: [u32; 4],
+    /// `dispatch_workgroups_indirect` of `raster_compute`: a workgroup a cluster.
+    pub compute: [u32; 3],
+    /// Clusters of the dispatch.
+    pub compute_count: u32,
 }
 
 /// One page to transcode.

@@ -139,15 +139,21 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             last_candidate,
             retested_clusters,
             drawn_count,
+            hardware_count,
+            compute_count,
+            hardware_drawn,
+            compute_drawn,
             draws,
             early_count
         }),
         layout!(IndirectArgs {
             nodes,
-            first_visible,
+            first_hardware,
             clusters,
-            spare,
-            raster
+            first_compute,
+            raster,
+            compute,
+            compute_count
         }),
         layout!(TranscodeJob {
             disk_word,
@@ -379,7 +385,9 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
     use lodestream_format::limits::HIERARCHY_WIDTH;
     use lodestream_format::memory_form::{self, cluster_word, page_word};
     use lodestream_format::octahedral::NORMAL_BITS;
-    use lodestream_shaders::cpu::{error_metric, mask_cutoffs, occlusion, prepare, view, visit};
+    use lodestream_shaders::cpu::{
+        error_metric, mask_cutoffs, occlusion, prepare, raster_choice, snap, view, visit,
+    };
     use lodestream_shaders::scene_rows::ROW_BYTES;
     use lodestream_shaders::types::NO_MASK_CUTOFFS;
 
@@ -394,6 +402,20 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("HIERARCHY_WIDTH", HIERARCHY_WIDTH),
         ("VIEW_FLAG_OCCLUSION", view_flag::OCCLUSION as usize),
         ("VIEW_FLAG_LATE", view_flag::LATE as usize),
+        (
+            "MATERIAL_DOUBLE_SIDED",
+            material_flag::DOUBLE_SIDED as usize,
+        ),
+        ("MATERIAL_UNLIT", material_flag::UNLIT as usize),
+        ("MATERIAL_MASK", material_flag::MASK as usize),
+        ("MATERIAL_NEAREST", material_flag::NEAREST as usize),
+        ("MATERIAL_CLAMP_U", material_flag::CLAMP_U as usize),
+        ("MATERIAL_CLAMP_V", material_flag::CLAMP_V as usize),
+        ("MATERIAL_MIRROR_U", material_flag::MIRROR_U as usize),
+        ("MATERIAL_MIRROR_V", material_flag::MIRROR_V as usize),
+        ("NO_TEXTURE", NO_TEXTURE as usize),
+        ("VIEW_FLAG_HARDWARE", view_flag::HARDWARE as usize),
+        ("VIEW_FLAG_MASKED", view_flag::MASKED as usize),
         ("HIDDEN_FLAG", visit::HIDDEN_FLAG as usize),
         ("WHOLE_INSTANCE", visit::WHOLE_INSTANCE as usize),
         ("REQUEST_WORDS", visit::REQUEST_WORDS),
@@ -477,6 +499,10 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("CLUSTER_SLACK", view::CLUSTER_SLACK),
         ("GROUP_SLACK", view::GROUP_SLACK),
         ("NODE_SLACK", view::NODE_SLACK),
+        ("MOST_COMPUTE_PX", raster_choice::MOST_COMPUTE_PX),
+        ("LEAST_COMPUTE_NEARS", raster_choice::LEAST_COMPUTE_NEARS),
+        ("SUBPIXELS", snap::SUBPIXELS),
+        ("MOST_SNAPPED_PX", snap::MOST_SNAPPED_PX),
         ("PROJECTION_SLACK", occlusion::PROJECTION_SLACK),
         ("SNAP_PX", occlusion::SNAP_PX),
         ("DEPTH_SLACK", occlusion::DEPTH_SLACK),

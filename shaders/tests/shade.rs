@@ -7,12 +7,12 @@ use drawing::{Picture, SIZE_PX, WHITE, camera, center, instance, pixel, sphere, 
 use glam::{DMat3, DVec2, DVec3, Mat3, Vec2, Vec3, Vec4};
 use lodestream_format::cluster::Attributes;
 use lodestream_shaders::cpu::barycentric::Barycentric;
-use lodestream_shaders::cpu::false_color::{EMPTY_COLOR, HARDWARE_COLOR};
+use lodestream_shaders::cpu::false_color::{COMPUTE_COLOR, EMPTY_COLOR, HARDWARE_COLOR};
 use lodestream_shaders::cpu::sample_texture::sample_texture;
 use lodestream_shaders::cpu::srgb::{byte_from_unit, linear_from_byte, srgb_from_linear};
 use lodestream_shaders::cpu::{Textures, build_textures};
 use lodestream_shaders::passes::{PoolBindings, SHADE};
-use lodestream_shaders::types::{MaterialRecord, NO_TEXTURE, ShadeMode, material_flag};
+use lodestream_shaders::types::{MaterialRecord, NO_TEXTURE, ShadeMode, material_flag, view_flag};
 use proptest::prelude::*;
 use std::collections::HashSet;
 
@@ -363,6 +363,11 @@ fn every_diagnostic_picture_tells_its_parts_apart() {
     }
     assert_eq!(
         picture.shade(ShadeMode::Raster)[center()],
+        rgb(COMPUTE_COLOR)
+    );
+    picture.view.flags |= view_flag::HARDWARE;
+    assert_eq!(
+        picture.shade(ShadeMode::Raster)[center()],
         rgb(HARDWARE_COLOR)
     );
     let triangles: HashSet<_> = picture.shade(ShadeMode::Triangles).into_iter().collect();
@@ -414,6 +419,7 @@ fn constants_of_the_wgsl_are_those_of_the_twins() {
         ("NO_TEXTURE", NO_TEXTURE),
         ("EMPTY_COLOR", EMPTY_COLOR),
         ("HARDWARE_COLOR", HARDWARE_COLOR),
+        ("COMPUTE_COLOR", COMPUTE_COLOR),
     ] {
         assert_eq!(constants.get(name), Some(&value), "{name}");
     }

@@ -4,6 +4,7 @@
 #import cluster
 #import occlusion
 #import hzb
+#import raster_choice
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> occluder: View;
@@ -13,6 +14,8 @@
 @group(0) @binding(5) var<storage, read> hzb: array<u32>;
 @group(0) @binding(6) var<storage, read_write> counters: Counters;
 @group(0) @binding(7) var<storage, read_write> clusters: array<ClusterItem>;
+// Visible indices: those that the compute rasterizer draws, then the hardware's.
+@group(0) @binding(8) var<storage, read_write> draw_lists: array<u32>;
 
 // Drawn: its own group refines, the one below does not. One loop over both, so that the compiler makes one code of it.
 fn in_cut(own: u32, below: u32, instance: InstanceRecord, asset: AssetRecord) -> bool {
@@ -63,7 +66,13 @@ fn cull_clusters(
     }
     atomicAdd(&counters.triangles_drawn, cluster_triangle_count(cluster));
     let place = atomicAdd(&counters.visible_count, 1u);
-    if place < view.cluster_capacity {
-        clusters[view.cluster_capacity + place] = item;
+    if place >= view.cluster_capacity {
+        return;
+    }
+    clusters[view.cluster_capacity + place] = item;
+    if draws_by_compute(instance, asset, cluster) {
+        draw_lists[atomicAdd(&counters.compute_count, 1u)] = place;
+    } else {
+        draw_lists[view.cluster_capacity + atomicAdd(&counters.hardware_count, 1u)] = place;
     }
 }

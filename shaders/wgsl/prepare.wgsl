@@ -56,15 +56,22 @@ fn prepare_clusters() {
 // The visible clusters since the last call.
 @compute @workgroup_size(1)
 fn prepare_raster() {
-    let first = counters.drawn_count;
     counters.drawn_count = min(atomicLoad(&counters.visible_count), view.cluster_capacity);
     if counters.draws == 0u {
         counters.early_count = counters.drawn_count;
     }
     counters.draws += 1u;
+    args.first_hardware = counters.hardware_drawn;
+    counters.hardware_drawn = atomicLoad(&counters.hardware_count);
     args.raster_vertices = RASTER_VERTICES;
-    args.raster_instances = counters.drawn_count - first;
+    args.raster_instances = counters.hardware_drawn - args.first_hardware;
     args.raster_first_vertex = 0u;
     args.raster_first_instance = 0u;
-    args.first_visible = first;
+    args.first_compute = counters.compute_drawn;
+    counters.compute_drawn = atomicLoad(&counters.compute_count);
+    args.compute_count = counters.compute_drawn - args.first_compute;
+    let size = workgroups(args.compute_count, 1u);
+    args.compute_x = size.x;
+    args.compute_y = size.y;
+    args.compute_z = 1u;
 }

@@ -13,8 +13,9 @@
 @group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
 @group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
 @group(0) @binding(4) var<storage, read> args: IndirectArgs;
-@group(0) @binding(5) var<storage, read_write> visbuffer: array<atomic<u64>>;
-@group(0) @binding(6) var<storage, read> texels: array<u32>;
+@group(0) @binding(5) var<storage, read> draw_lists: array<u32>;
+@group(0) @binding(6) var<storage, read_write> visbuffer: array<atomic<u64>>;
+@group(0) @binding(7) var<storage, read> texels: array<u32>;
 
 // How far below the cutoff alpha may come out of f32 arithmetic, and of the eight bits of a vertex.
 const ALPHA_SLACK: f32 = 0.000244140625;
@@ -29,9 +30,14 @@ struct Fragment {
     @location(4) alpha: f32,
 }
 
+// Visible index of a cluster of the hardware's list.
+fn hardware_index(drawn_index: u32) -> u32 {
+    return draw_lists[view.cluster_capacity + args.first_hardware + drawn_index];
+}
+
 @vertex
 fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_index) drawn_index: u32) -> Fragment {
-    let visible_index = args.first_visible + drawn_index;
+    let visible_index = hardware_index(drawn_index);
     let corner = fetch_corner(visible_index, vertex_index);
     let instance = instances[visible_item(visible_index).instance];
     let asset = load_asset(instance.asset);

@@ -8,14 +8,20 @@
 @group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
 @group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
 @group(0) @binding(4) var<storage, read> args: IndirectArgs;
-@group(0) @binding(5) var<storage, read_write> color: array<atomic<u32>>;
+@group(0) @binding(5) var<storage, read> draw_lists: array<u32>;
+@group(0) @binding(6) var<storage, read_write> color: array<atomic<u32>>;
+
+// Visible index of a cluster of the hardware's list.
+fn hardware_index(drawn_index: u32) -> u32 {
+    return draw_lists[view.cluster_capacity + args.first_hardware + drawn_index];
+}
 
 @vertex
 fn raster_vertex(
     @builtin(vertex_index) vertex_index: u32,
     @builtin(instance_index) drawn_index: u32,
 ) -> @invariant @builtin(position) vec4<f32> {
-    return fetch_corner(args.first_visible + drawn_index, vertex_index).clip;
+    return fetch_corner(hardware_index(drawn_index), vertex_index).clip;
 }
 
 @fragment

@@ -8,6 +8,7 @@
 #import srgb
 #import light
 #import false_color
+#import raster_choice
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
@@ -97,7 +98,9 @@ fn pixel_color(index: u32, pixel: vec2<u32>) -> u32 {
             return pack_color(surface.normal * 0.5 + 0.5);
         }
         case MODE_RASTER: {
-            return HARDWARE_COLOR;
+            let instance = instances[surface.item.instance];
+            let by_compute = draws_by_compute(instance, load_asset(instance.asset), surface.cluster);
+            return select(HARDWARE_COLOR, COMPUTE_COLOR, by_compute);
         }
         case MODE_MATERIALS: {
             return hash_color(surface.material);

@@ -259,6 +259,10 @@ impl Buffers {
             let bytes = CLUSTER_ITEM_BYTES as u64 * capacities.clusters as u64;
             let clusters = create(gpu, "clusters", bytes, usage)?;
             self.by_name.insert("clusters", clusters);
+            // An index a cluster for each rasterizer.
+            let bytes = 8 * capacities.clusters as u64;
+            let draw_lists = create(gpu, "draw_lists", bytes, usage)?;
+            self.by_name.insert("draw_lists", draw_lists);
         }
         self.capacities = capacities;
         Ok(())

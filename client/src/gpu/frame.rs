@@ -48,10 +48,11 @@ impl Passes {
         arrays: &SceneArrays,
         draws: bool,
         overdraw: bool,
+        by_compute: bool,
     ) -> Result<Self, GpuError> {
         let picture = match draws {
             true => Some(Picture {
-                raster: Raster::new(parts, arrays, overdraw)?,
+                raster: Raster::new(parts, arrays, overdraw, by_compute)?,
                 shade: Shade::new(parts)?,
             }),
             false => None,
@@ -117,9 +118,8 @@ impl Passes {
 /// Records one frame. Pages were transcoded and the page table patched before it, on the same queue.
 ///
 /// Instances, nodes and clusters are tested against the depths of the last frame ("early") and drawn.
-/// The rejects are tested once more against the depths of those ("late") and drawn. A compute
-/// rasterizer has its place beside the hardware one: both write the visbuffer by the same atomic
-/// maximum.
+/// The rejects are tested once more against the depths of those ("late") and drawn. The
+/// compute rasterizer and the hardware write the visbuffer by the same atomic maximum.
 pub fn record(
     recorder: &mut Recorder<'_>,
     passes: &Passes,

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use lodestream_shaders::cpu::needs_masked;
 use lodestream_shaders::cpu::prepare::RASTER_VERTICES;
 use lodestream_shaders::types::{
     ClusterItem, IndirectArgs, MaterialRecord, NOT_INSTALLED, ShadeMode, TextureRecord, View,
@@ -40,6 +41,8 @@ pub struct Renderer {
     page_table: Vec<u32>,
     mode: ShadeMode,
     occlusion: Occlusion,
+    by_compute: bool,
+    is_masked: bool,
     /// Changes of the page table so far.
     patches: u64,
     frame: u64,
@@ -57,6 +60,7 @@ impl Renderer {
         let pool = Pool::new(gpu, pool_words)?;
         let mut buffers = Buffers::new(gpu, &arrays, size_px)?;
         Transcode::make_buffers(gpu, &mut buffers)?;
+        let is_masked = needs_masked(&arrays.materials);
         Ok(Self {
             pipelines: Pipelines::new(gpu, pool.bindings),
             readback: Readback::new(gpu, arrays.page_count),
@@ -71,6 +75,8 @@ impl Renderer {
             transcode: Transcode::default(),
             mode: ShadeMode::Shaded,
             occlusion: Occlusion::default(),
+            by_compute: true,
+            is_masked,
             patches: 0,
             frame: 0,
             recorded: BTreeSet::new(),
@@ -130,6 +136,19 @@ impl Renderer {
             self.buffers.set_size(&self.gpu, size_px)?;
         }
         Ok(())
+    }
+
+    /// Whether small clusters go to the compute rasterizer, or all to the hardware.
+    pub fn set_compute_raster(&mut self, on: bool) {
+        if on != self.by_compute {
+            self.unbind();
+            self.by_compute = on;
+        }
+    }
+
+    /// Overdraw counts fragments of the hardware, so it draws all.
+    fn draws_by_compute(&self) -> bool {
+        self.by_compute && self.mode != ShadeMode::Overdraw
     }
 
     /// Turns occlusion culling off, or on again.
@@ -318,6 +337,10 @@ impl Renderer {
         let visible = self.buffers.visible_offset();
         let bytes = bytemuck::cast_slice(items);
         queue.write_buffer(self.buffers.get("clusters"), visible, bytes);
+        let indices: Vec<u32> = (0..items.len() as u32).collect();
+        let hardware = 4 * u64::from(self.buffers.capacities().clusters);
+        let bytes = bytemuck::cast_slice(&indices);
+        queue.write_buffer(self.buffers.get("draw_lists"), hardware, bytes);
         self.submit(|passes, recorder| passes.record_picture(recorder));
         Ok(())
     }
@@ -380,6 +403,8 @@ impl Renderer {
     /// `view` with the counts of the scene and the capacities of the queues.
     fn filled(&self, view: &View) -> View {
         let capacities = self.buffers.capacities();
+        let by_compute = self.draws_by_compute() && !view.is_reference();
+        let flag = |bit: u32, on: bool| if on { bit } else { 0 };
         View {
             size_px: self.buffers.size_px(),
             instance_count: self.arrays.instances.len() as u32,
@@ -388,6 +413,9 @@ impl Renderer {
             node_capacity: capacities.nodes,
             cluster_capacity: capacities.clusters,
             request_capacity: self.arrays.page_count,
+            flags: view.flags
+                | flag(view_flag::HARDWARE, !by_compute)
+                | flag(view_flag::MASKED, self.is_masked),
             ..*view
         }
         .with_rows(self.buffers.first_rows())
@@ -433,7 +461,14 @@ impl Renderer {
         if self.passes[index].is_none() {
             let arrays = self.arrays.clone();
             let overdraw = self.mode == ShadeMode::Overdraw;
-            let passes = Passes::new(&mut self.parts(), &arrays, work.draws(), overdraw)?;
+            let by_compute = self.draws_by_compute();
+            let passes = Passes::new(
+                &mut self.parts(),
+                &arrays,
+                work.draws(),
+                overdraw,
+                by_compute,
+            )?;
             self.passes[index] = Some(passes);
         }
         Ok(())

@@ -6,6 +6,8 @@ use super::hash::hash;
 pub const EMPTY_COLOR: u32 = 0xff1c_1818;
 /// Drawn by the hardware rasterizer.
 pub const HARDWARE_COLOR: u32 = 0xff3c_8ce6;
+/// Drawn by the compute rasterizer.
+pub const COMPUTE_COLOR: u32 = 0xffb4_783c;
 
 fn opaque([red, green, blue]: [u32; 3]) -> u32 {
     red | green << 8 | blue << 16 | 0xff00_0000

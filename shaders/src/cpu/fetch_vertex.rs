@@ -3,6 +3,7 @@
 use glam::{Vec3, Vec4};
 use lodestream_format::cluster_view::ClusterView;
 
+use super::snap::snapped_clip;
 use super::view::rel_from_local;
 use crate::SceneArrays;
 use crate::types::{AssetRecord, ClusterItem, InstanceRecord, TRIANGLE_BITS, View};
@@ -46,6 +47,7 @@ impl<'a> VisibleCluster<'a> {
         self.cluster
             .triangle(triangle)
             .map(|vertex| clip_from_local(view, self.instance, self.position_local(vertex)))
+            .map(|clip| snapped_clip(view, clip))
     }
 
     /// Index of the material of a triangle.

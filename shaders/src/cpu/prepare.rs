@@ -35,14 +35,17 @@ pub fn prepare_clusters(view: &View, counters: &mut Counters, args: &mut Indirec
     args.clusters = workgroups(count, WORKGROUP_THREADS);
 }
 
-/// Arguments of `raster`: the visible clusters since the last call.
+/// Arguments of `raster` and `raster_compute`: the visible clusters since the last call.
 pub fn prepare_raster(view: &View, counters: &mut Counters, args: &mut IndirectArgs) {
-    args.first_visible = counters.drawn_count;
     counters.drawn_count = counters.visible_count.min(view.cluster_capacity);
     if counters.draws == 0 {
         counters.early_count = counters.drawn_count;
     }
     counters.draws += 1;
-    let count = counters.drawn_count - args.first_visible;
-    args.raster = [RASTER_VERTICES, count, 0, 0];
+    args.first_hardware = std::mem::replace(&mut counters.hardware_drawn, counters.hardware_count);
+    let hardware = counters.hardware_drawn - args.first_hardware;
+    args.raster = [RASTER_VERTICES, hardware, 0, 0];
+    args.first_compute = std::mem::replace(&mut counters.compute_drawn, counters.compute_count);
+    args.compute_count = counters.compute_drawn - args.first_compute;
+    args.compute = workgroups(args.compute_count, 1);
 }

@@ -3,10 +3,13 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::false_color::{EMPTY_COLOR, HARDWARE_COLOR, hash_color, level_color, ramp_color};
+use super::false_color::{
+    COMPUTE_COLOR, EMPTY_COLOR, HARDWARE_COLOR, hash_color, level_color, ramp_color,
+};
 use super::fetch_vertex::VisibleCluster;
 use super::hash::hash;
 use super::light::{SKY_BOTTOM_SRGB, SKY_TOP_SRGB, light_surface, mix, tone};
+use super::raster_choice::draws_by_compute;
 use super::srgb::{pack_color, srgb_from_linear};
 use super::surface::Surface;
 use super::texture::Textures;
@@ -50,7 +53,7 @@ pub fn shade(
                     Surface::new(visible, triangle, pixel, arrays, view, textures)
                 });
             // An id that names nothing comes from a foreign visbuffer.
-            surface.map_or(EMPTY_COLOR, |surface| surface_color(view, &surface))
+            surface.map_or(EMPTY_COLOR, |surface| surface_color(arrays, view, &surface))
         })
         .collect()
 }
@@ -93,7 +96,7 @@ pub fn rounding_px(
         .fold(0.0, f32::max)
 }
 
-fn surface_color(view: &View, surface: &Surface<'_>) -> u32 {
+fn surface_color(arrays: &SceneArrays, view: &View, surface: &Surface<'_>) -> u32 {
     const TRIANGLES: u32 = ShadeMode::Triangles as u32;
     const CLUSTERS: u32 = ShadeMode::Clusters as u32;
     const GROUPS: u32 = ShadeMode::Groups as u32;
@@ -116,6 +119,7 @@ fn surface_color(view: &View, surface: &Surface<'_>) -> u32 {
         LEVELS => level_color(header.level()),
         PAGES => hash_color(surface.visible.item.page),
         NORMALS => pack_color(surface.normal * 0.5 + 0.5),
+        RASTER if draws_by_compute(view, arrays, &surface.visible) => COMPUTE_COLOR,
         RASTER => HARDWARE_COLOR,
         MATERIALS => hash_color(surface.material_index),
         _ => shaded_color(surface),

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
+use super::raster::needs_masked;
 use crate::arrays::{SceneArrays, split};
 use crate::types::{InstanceRecord, View, view_flag};
 
@@ -248,6 +249,9 @@ impl View {
         self.node_capacity = capacities.nodes;
         self.cluster_capacity = capacities.clusters;
         self.request_capacity = capacities.requests;
+        if needs_masked(&arrays.materials) {
+            self.flags |= view_flag::MASKED;
+        }
         self
     }
 

@@ -67,3 +67,4 @@ fn level_color(level: u32) -> u32 {
 const EMPTY_COLOR: u32 = 0xff1c1818u;
 // Drawn by the hardware rasterizer.
 const HARDWARE_COLOR: u32 = 0xff3c8ce6u;
+const COMPUTE_COLOR: u32 = 0xffb4783cu;

@@ -2,6 +2,7 @@
 // Reads `view`, `scene`, `instances` and `clusters`, which each of them declares.
 #import types
 #import scene
+#import snap
 #import view
 #import cluster
 
@@ -37,7 +38,8 @@ fn fetch_corner(visible_index: u32, vertex_index: u32) -> Corner {
         let instance = instances[item.instance];
         corner.vertex = strip_corner(corner.cluster.strips, corner.triangle, vertex_index % 3u);
         let step = load_asset(instance.asset).position_step;
-        corner.clip = clip_from_local(instance, cluster_position_local(corner.cluster, corner.vertex, step));
+        let local = cluster_position_local(corner.cluster, corner.vertex, step);
+        corner.clip = snapped_clip(clip_from_local(instance, local));
         corner.drawn = 1u;
     }
     return corner;

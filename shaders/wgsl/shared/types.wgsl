@@ -121,6 +121,10 @@ struct Counters {
     last_candidate: u32,
     retested_clusters: u32,
     drawn_count: u32,
+    hardware_count: atomic<u32>,
+    compute_count: atomic<u32>,
+    hardware_drawn: u32,
+    compute_drawn: u32,
     draws: u32,
     early_count: u32,
 }
@@ -129,15 +133,19 @@ struct IndirectArgs {
     nodes_x: u32,
     nodes_y: u32,
     nodes_z: u32,
-    first_visible: u32,
+    first_hardware: u32,
     clusters_x: u32,
     clusters_y: u32,
     clusters_z: u32,
-    spare: u32,
+    first_compute: u32,
     raster_vertices: u32,
     raster_instances: u32,
     raster_first_vertex: u32,
     raster_first_instance: u32,
+    compute_x: u32,
+    compute_y: u32,
+    compute_z: u32,
+    compute_count: u32,
 }
 
 struct TranscodeJob {

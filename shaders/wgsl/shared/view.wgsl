@@ -4,6 +4,8 @@
 const NOT_INSTALLED: u32 = 0xffffffffu;
 const TRIANGLE_BITS: u32 = 7u;
 const VIEW_FLAG_REFERENCE: u32 = 1u;
+const VIEW_FLAG_HARDWARE: u32 = 8u;
+const VIEW_FLAG_MASKED: u32 = 16u;
 
 // Threads of a workgroup of a 1D pass, and workgroups along x before y counts on.
 const WORKGROUP_THREADS: u32 = 64u;

@@ -1,5 +1,5 @@
-//! Visible clusters to the visbuffer by the hardware rasterizer; the pass that looks materials up runs only where one can
-//! hide a fragment.
+//! Visible clusters to the visbuffer: small ones by the compute rasterizer, the others by the hardware. The pass that looks
+//! materials up runs only where one can hide a fragment.
 
 use std::mem::offset_of;
 
@@ -17,17 +17,19 @@ use crate::gpu::recorder::Recorder;
 #[derive(Debug)]
 pub struct Raster {
     raster: Bound,
+    raster_compute: Option<Bound>,
     raster_overdraw: Option<Bound>,
     unwritten: wgpu::TextureView,
     args: wgpu::Buffer,
 }
 
 impl Raster {
-    /// Binds the passes.
+    /// Binds the passes. `by_compute` adds the compute rasterizer.
     pub fn new(
         parts: &mut Parts<'_>,
         arrays: &SceneArrays,
         overdraw: bool,
+        by_compute: bool,
     ) -> Result<Self, GpuError> {
         let pass = match needs_masked(&arrays.materials) {
             true => &passes::RASTER_MASKED,
@@ -58,6 +60,10 @@ impl Raster {
         });
         Ok(Self {
             raster: parts.bind(pass)?,
+            raster_compute: match by_compute {
+                true => Some(parts.bind(&passes::RASTER_COMPUTE)?),
+                false => None,
+            },
             raster_overdraw: match overdraw {
                 true => Some(parts.bind(&passes::RASTER_OVERDRAW)?),
                 false => None,
@@ -74,15 +80,21 @@ impl Raster {
 
     /// Draws what `prepare_raster` counted.
     pub fn record(&self, recorder: &mut Recorder<'_>) {
-        self.record_as(recorder, self.raster.name());
+        self.record_as(recorder, self.raster.name(), "raster_compute");
     }
 
     /// Draws what the late pass added.
     pub fn record_late(&self, recorder: &mut Recorder<'_>) {
-        self.record_as(recorder, "late_raster");
+        self.record_as(recorder, "late_raster", "late_raster_compute");
     }
 
-    fn record_as(&self, recorder: &mut Recorder<'_>, span: &'static str) {
+    fn record_as(&self, recorder: &mut Recorder<'_>, span: &'static str, compute: &'static str) {
+        if let Some(pass) = &self.raster_compute {
+            recorder.compute(compute, |dispatches| {
+                let offset = offset_of!(IndirectArgs, compute);
+                dispatches.run_indirect(pass, &self.args, offset);
+            });
+        }
         let offset = offset_of!(IndirectArgs, raster);
         recorder.draw_indirect(span, &self.raster, &self.unwritten, &self.args, offset);
         if let Some(pass) = &self.raster_overdraw {
