@@ -58,10 +58,10 @@ struct SceneArgs {
     /// What the picture shows.
     #[arg(long, value_enum, default_value_t = Mode::Shaded)]
     mode: Mode,
-    /// Rasterizer of small clusters: auto and compute take compute, hardware draws all by hardware.
+    /// Rasterizer of small clusters: auto and compute take compute, hardware draws all by hardware (key R in the window).
     #[arg(long, value_enum, default_value_t = Rasterizer::Auto)]
     raster: Rasterizer,
-    /// Draw what is hidden behind other things too.
+    /// Draw what is hidden behind other things too (key O in the window).
     #[arg(long)]
     no_occlusion: bool,
     /// Part of the name of the graphics adapter to use.
@@ -166,6 +166,7 @@ enum Mode {
     Overdraw,
     Raster,
     Materials,
+    Instances,
 }
 
 impl From<Mode> for ShadeMode {
@@ -182,6 +183,7 @@ impl From<Mode> for ShadeMode {
             Mode::Overdraw => Self::Overdraw,
             Mode::Raster => Self::Raster,
             Mode::Materials => Self::Materials,
+            Mode::Instances => Self::Instances,
         }
     }
 }

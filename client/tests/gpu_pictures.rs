@@ -11,7 +11,7 @@ use lodestream_shaders::cpu::{self, Camera, Capacities, near_for_radius};
 use lodestream_shaders::types::{Counters, ShadeMode, View};
 
 const SIZE: [u32; 2] = [480, 270];
-const MODES: [ShadeMode; 11] = [
+const MODES: [ShadeMode; 12] = [
     ShadeMode::Shaded,
     ShadeMode::Triangles,
     ShadeMode::Clusters,
@@ -23,6 +23,7 @@ const MODES: [ShadeMode; 11] = [
     ShadeMode::Overdraw,
     ShadeMode::Raster,
     ShadeMode::Materials,
+    ShadeMode::Instances,
 ];
 
 fn cameras() -> [Camera; 3] {

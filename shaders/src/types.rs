@@ -106,6 +106,8 @@ pub enum ShadeMode {
     Raster = 9,
     /// A colour a material.
     Materials = 10,
+    /// A colour an instance.
+    Instances = 11,
 }
 
 /// An asset in the world. `world_from_local` has the asset's centre folded in.

@@ -354,6 +354,7 @@ fn every_diagnostic_picture_tells_its_parts_apart() {
         (ShadeMode::Depth, true),
         (ShadeMode::Overdraw, true),
         (ShadeMode::Pages, false),
+        (ShadeMode::Instances, false),
         (ShadeMode::Raster, false),
     ] {
         let colors = picture.shade(mode);
@@ -407,6 +408,7 @@ fn constants_of_the_wgsl_are_those_of_the_twins() {
         ("MODE_NORMALS", ShadeMode::Normals as u32),
         ("MODE_OVERDRAW", ShadeMode::Overdraw as u32),
         ("MODE_RASTER", ShadeMode::Raster as u32),
+        ("MODE_INSTANCES", ShadeMode::Instances as u32),
         ("MODE_MATERIALS", ShadeMode::Materials as u32),
         ("MATERIAL_DOUBLE_SIDED", material_flag::DOUBLE_SIDED),
         ("MATERIAL_UNLIT", material_flag::UNLIT),

@@ -32,6 +32,7 @@ const MODE_NORMALS: u32 = 7u;
 const MODE_OVERDRAW: u32 = 8u;
 const MODE_RASTER: u32 = 9u;
 const MODE_MATERIALS: u32 = 10u;
+const MODE_INSTANCES: u32 = 11u;
 
 @compute @workgroup_size(8, 8)
 fn shade(@builtin(global_invocation_id) pixel: vec3<u32>) {
@@ -104,6 +105,9 @@ fn pixel_color(index: u32, pixel: vec2<u32>) -> u32 {
         }
         case MODE_MATERIALS: {
             return hash_color(surface.material);
+        }
+        case MODE_INSTANCES: {
+            return hash_color(surface.item.instance);
         }
         default: {
             return shaded_color(surface);

@@ -42,6 +42,11 @@ impl Occlusion {
         };
     }
 
+    /// Whether it is on.
+    pub fn is_on(&self) -> bool {
+        !self.off
+    }
+
     /// Forgets the depths: the picture's size or the scene changed.
     pub fn forget(&mut self) {
         self.drawn = None;

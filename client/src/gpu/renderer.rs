@@ -156,6 +156,16 @@ impl Renderer {
         self.occlusion.set_off(!on);
     }
 
+    /// Whether what is hidden is culled.
+    pub fn has_occlusion(&self) -> bool {
+        self.occlusion.is_on()
+    }
+
+    /// Whether small clusters go to the compute rasterizer.
+    pub fn has_compute_raster(&self) -> bool {
+        self.by_compute
+    }
+
     /// Whether requests of `view` are known without drawing: nothing is tested, or against depths of
     /// that very view.
     pub fn sees(&self, view: &View) -> bool {

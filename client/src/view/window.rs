@@ -275,6 +275,14 @@ impl Opened {
             KeyCode::BracketLeft => self.navigation.change_speed(0.5),
             KeyCode::BracketRight => self.navigation.change_speed(2.0),
             KeyCode::KeyF => self.navigation = self.home,
+            KeyCode::KeyO if !repeat => {
+                let renderer = &mut self.session.renderer;
+                renderer.set_occlusion(!renderer.has_occlusion());
+            }
+            KeyCode::KeyR if !repeat => {
+                let renderer = &mut self.session.renderer;
+                renderer.set_compute_raster(!renderer.has_compute_raster());
+            }
             KeyCode::KeyH if !repeat => self.shows_text = !self.shows_text,
             _ => {
                 if let Some(index) = DIGITS.iter().position(|&digit| digit == code) {
@@ -381,8 +389,12 @@ impl Opened {
                 stats.pixel_error_asked
             ),
             format!(
-                "{} triangles  {} clusters  {} instances",
-                drawn.triangles, drawn.clusters, drawn.instances
+                "{} triangles  {} clusters, {} by compute, {} hidden  {} instances",
+                drawn.triangles,
+                drawn.clusters,
+                drawn.clusters_software,
+                drawn.hidden_clusters,
+                drawn.instances
             ),
             format!(
                 "{} pages resident, {} missing  {:.1} MB fetched",

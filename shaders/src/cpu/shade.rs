@@ -105,6 +105,7 @@ fn surface_color(arrays: &SceneArrays, view: &View, surface: &Surface<'_>) -> u3
     const NORMALS: u32 = ShadeMode::Normals as u32;
     const RASTER: u32 = ShadeMode::Raster as u32;
     const MATERIALS: u32 = ShadeMode::Materials as u32;
+    const INSTANCES: u32 = ShadeMode::Instances as u32;
     let header = &surface.visible.cluster.header;
     match view.shade_mode {
         TRIANGLES => hash_color(hash(cluster_number(surface)) ^ surface.triangle),
@@ -122,6 +123,7 @@ fn surface_color(arrays: &SceneArrays, view: &View, surface: &Surface<'_>) -> u3
         RASTER if draws_by_compute(view, arrays, &surface.visible) => COMPUTE_COLOR,
         RASTER => HARDWARE_COLOR,
         MATERIALS => hash_color(surface.material_index),
+        INSTANCES => hash_color(surface.visible.item.instance),
         _ => shaded_color(surface),
     }
 }
