@@ -174,7 +174,7 @@ pub const PREPARE_REJECTED: Pass = pass(
 /// Instances and children that the early pass rejected, tested once more, a thread an item.
 pub const CULL_REJECTED: Pass = pass(
     "cull_rejected",
-    include_str!("../wgsl/cull_rejected.wgsl"),
+    include_str!("../wgsl/cull_nodes.wgsl"),
     &["cull_rejected"],
     &[
         uniform("view"),
@@ -384,6 +384,10 @@ const SHARED: &[(&str, &str)] = &[
     ),
     ("hzb", include_str!("../wgsl/shared/hzb.wgsl")),
     ("occlusion", include_str!("../wgsl/shared/occlusion.wgsl")),
+    (
+        "hardware_list",
+        include_str!("../wgsl/shared/hardware_list.wgsl"),
+    ),
     (
         "node_queues",
         include_str!("../wgsl/shared/node_queues.wgsl"),

@@ -1,4 +1,5 @@
-// One level of hierarchy nodes to the next level, to candidates and to streaming requests, a thread a child.
+// One level of hierarchy nodes to the next level, to candidates and to streaming requests, a thread a
+// child; and in the late pass, first, what the early pass rejected.
 #import visit
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -28,4 +29,30 @@ fn cull_nodes(
     }
     let node = item.node & ~HIDDEN_FLAG;
     visit_child(item.instance, node * HIERARCHY_WIDTH + thread % HIERARCHY_WIDTH, item.node != node);
+}
+
+// Instances and children of nodes that the early pass rejected, tested once more, a thread an item.
+@compute @workgroup_size(64)
+fn cull_rejected(
+    @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let index = thread_index(workgroup, local);
+    if index >= min(atomicLoad(&counters.rejected_nodes), view.node_capacity) {
+        return;
+    }
+    let item = node_queues[2u * view.node_capacity + index];
+    if item.node != WHOLE_INSTANCE {
+        visit_child(item.instance, item.node, false);
+        return;
+    }
+    let instance = instances[item.instance];
+    let asset = load_asset(instance.asset);
+    if is_hidden(instance, asset.aabb_min, asset.aabb_max) {
+        atomicAdd(&counters.hidden_instances, 1u);
+        append_node(NodeItem(item.instance, HIDDEN_FLAG));
+        return;
+    }
+    atomicAdd(&counters.instances_drawn, 1u);
+    append_node(NodeItem(item.instance, 0u));
 }

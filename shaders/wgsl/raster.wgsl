@@ -6,6 +6,7 @@
 // Depth is position.z, which the hardware interpolates linearly in screen space, also for clipped triangles.
 #import types
 #import fetch_vertex
+#import hardware_list
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
@@ -18,11 +19,6 @@
 struct Fragment {
     @invariant @builtin(position) position: vec4<f32>,
     @location(0) @interpolate(flat, either) id: u32,
-}
-
-// Visible index of a cluster of the hardware's list.
-fn hardware_index(drawn_index: u32) -> u32 {
-    return draw_lists[view.cluster_capacity + args.first_hardware + drawn_index];
 }
 
 @vertex

@@ -5,6 +5,7 @@
 // Drawn like `raster`, front face counter-clockwise.
 #import types
 #import fetch_vertex
+#import hardware_list
 #import material
 #import sample_texture
 
@@ -28,11 +29,6 @@ struct Fragment {
     @location(2) @interpolate(flat, either) mirrored: u32,
     @location(3) uv: vec2<f32>,
     @location(4) alpha: f32,
-}
-
-// Visible index of a cluster of the hardware's list.
-fn hardware_index(drawn_index: u32) -> u32 {
-    return draw_lists[view.cluster_capacity + args.first_hardware + drawn_index];
 }
 
 @vertex

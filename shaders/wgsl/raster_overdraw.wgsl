@@ -2,6 +2,7 @@
 // Drawn like `raster`.
 #import types
 #import fetch_vertex
+#import hardware_list
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
@@ -10,11 +11,6 @@
 @group(0) @binding(4) var<storage, read> args: IndirectArgs;
 @group(0) @binding(5) var<storage, read> draw_lists: array<u32>;
 @group(0) @binding(6) var<storage, read_write> color: array<atomic<u32>>;
-
-// Visible index of a cluster of the hardware's list.
-fn hardware_index(drawn_index: u32) -> u32 {
-    return draw_lists[view.cluster_capacity + args.first_hardware + drawn_index];
-}
 
 @vertex
 fn raster_vertex(

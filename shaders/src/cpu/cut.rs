@@ -3,8 +3,7 @@
 use super::compact_requests::compact_requests;
 use super::cull_clusters::cull_clusters;
 use super::cull_instances::cull_instances;
-use super::cull_nodes::cull_nodes;
-use super::cull_rejected::cull_rejected;
+use super::cull_nodes::{cull_nodes, cull_rejected};
 use super::occlusion::Occluder;
 use super::prepare::{prepare_clusters, prepare_nodes, prepare_raster, prepare_rejected};
 use super::visit::{CullInput, CullOutput};

@@ -5,7 +5,6 @@ pub mod compact_requests;
 pub mod cull_clusters;
 pub mod cull_instances;
 pub mod cull_nodes;
-pub mod cull_rejected;
 pub mod cut;
 pub mod cut_brute;
 pub mod error_metric;
