@@ -1,5 +1,5 @@
 # Each target installs what a fresh Debian or Ubuntu machine with Rust, a C compiler and make still lacks, or says what to install.
-.PHONY: demo test test-s3 cases servers kills faults abuse schemathesis replicas priorities report judges bench lint build
+.PHONY: demo test test-s3 cases servers kills faults abuse schemathesis replicas draw priorities report judges bench lint build
 
 CARGO ?= cargo
 
@@ -69,6 +69,11 @@ report: build
 judges: build
 	@.ci/vulkan
 	@loadtests/judges.sh $(if $(BEFORE),--before "$(BEFORE)") $(if $(PARTS),--parts "$(PARTS)") $(if $(ROCKS),--rocks "$(ROCKS)") $(MODELS)
+
+# Occlusion culling and the compute rasterizer, each alone and together: target/draw.
+draw: build
+	@.ci/vulkan
+	@loadtests/draw.sh
 
 # Pages in the order of what all instances gain, against the largest gain: target/priorities.
 priorities: build

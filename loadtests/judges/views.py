@@ -76,8 +76,10 @@ def drawn(programs: Programs, scene: str, stem: Path, size: tuple[int, int], *ho
     )  # fmt: skip
 
 
-def settled(programs: Programs, scene: str, stem: Path, size=SIZE, pixel_error: float = 1.0) -> View:
-    said = drawn(programs, scene, stem, size, "--pixel-error", pixel_error)
+def settled(
+    programs: Programs, scene: str, stem: Path, size=SIZE, pixel_error: float = 1.0, *how: str
+) -> View:
+    said = drawn(programs, scene, stem, size, "--pixel-error", pixel_error, *how)
     textures = said.get("texture_bytes_fetched", 0)
     return View(
         scene, size, pixel_error, said["drawn"]["triangles"], said["drawn"]["clusters"], said["pages_fetched"],
@@ -116,9 +118,12 @@ def foliage(programs: Programs, scene: str, pictures: Path, size: tuple[int, int
 
 def curve(programs: Programs, scene: str, errors_px=CURVE_ERRORS_PX) -> list[dict]:
     """Triangles and bytes over the pixel error."""
+    # Occlusion depends on the pixels; the cut does not.
     size = tuple(it // CURVE_SHRINKS for it in SIZE)
     points = []
     for pixel_error in errors_px:
-        found = settled(programs, scene, programs.folder / "curve", size, pixel_error / CURVE_SHRINKS)
+        found = settled(
+            programs, scene, programs.folder / "curve", size, pixel_error / CURVE_SHRINKS, "--no-occlusion"
+        )
         points.append({"error_px": pixel_error, "triangles": found.triangles, "bytes": found.bytes, "pages": found.pages})
     return points
