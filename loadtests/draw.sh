@@ -1,9 +1,8 @@
 #!/usr/bin/env bash
-# Occlusion culling and the compute rasterizer, each alone and together: the sample city from above and
-# at street level, then the default view of every model of a folder. A row a picture; pictures that
-# differ from the plain one say by how many bytes.
-# Usage: loadtests/draw.sh [FOLDER [OUT]]; default ../shared/models and target/draw. Needs a release
-# build.
+# Occlusion culling and the compute rasterizer, each alone and together: the sample city from above
+# and at street level, then the default view of every model of a folder. A row a picture; pictures
+# that differ from the plain one say by how many bytes. Usage: loadtests/draw.sh [FOLDER [OUT]];
+# default ../shared/models and target/draw. Needs a release build.
 set -eu
 cd "$(dirname "$0")/.."
 models=${1:-../shared/models} out=${2:-target/draw}

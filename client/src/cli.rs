@@ -58,10 +58,11 @@ struct SceneArgs {
     /// What the picture shows.
     #[arg(long, value_enum, default_value_t = Mode::Shaded)]
     mode: Mode,
-    /// Rasterizer of small clusters: auto and compute take compute, hardware draws all by hardware (key R in the window).
+    /// Rasterizer of small clusters: auto and compute take compute, hardware draws all by hardware
+    /// (key R in the window).
     #[arg(long, value_enum, default_value_t = Rasterizer::Auto)]
     raster: Rasterizer,
-    /// Draw what is hidden behind other things too (key O in the window).
+    /// Draw hidden geometry too (key O in the window).
     #[arg(long)]
     no_occlusion: bool,
     /// Part of the name of the graphics adapter to use.

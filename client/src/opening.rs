@@ -35,11 +35,11 @@ pub struct SessionOptions {
     pub pool_bytes: Option<u64>,
     /// What the picture shows.
     pub mode: ShadeMode,
-    /// Whether what is hidden is culled.
+    /// Whether hidden geometry is culled.
     pub occlusion: bool,
     /// Whether small clusters go to the compute rasterizer, or all to the hardware.
     pub compute_raster: bool,
-    /// Whether pages of what is hidden are fetched, after all others: for cameras that move.
+    /// Whether hidden pages are fetched, after all visible ones: for cameras that move.
     pub fetches_hidden: bool,
     /// Part of the name of the adapter to use.
     pub adapter: Option<String>,

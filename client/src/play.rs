@@ -47,6 +47,8 @@ pub fn play_on(gpu: &Gpu, options: &PlayOptions) -> Result<Report, ClientError> 
         gpu,
         &SessionOptions {
             size_px: path.size,
+            // Only a path that does not wait meets pages that come late.
+            fetches_hidden: options.realtime,
             ..options.session.clone()
         },
     )?;

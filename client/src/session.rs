@@ -236,8 +236,8 @@ impl Session {
         }
     }
 
-    /// One frame that asks for pages, waited for. It draws where depths of this view are needed to say
-    /// what is hidden. Returns its requests, once it is whole.
+    /// One frame that asks for pages, waited for. It draws where no depths of this
+    /// view are there for the occlusion test. Returns its requests, once it is whole.
     pub fn request_pages(&mut self, camera: &Camera) -> Result<Vec<StreamingRequest>, ClientError> {
         let view = self.view(camera);
         if !self.renderer.has_depths(&view) {

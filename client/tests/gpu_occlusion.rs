@@ -1,5 +1,5 @@
-//! Occlusion culling against brute force: the visbuffer with it is the one without it, whatever moves
-//! between two frames.
+//! Occlusion culling against brute force: the visbuffer with it equals the one without it, while
+//! cameras, instances, sizes and pages change between frames.
 
 #![cfg(feature = "gpu")]
 #![allow(clippy::unwrap_used)] // A test's way to fail.
@@ -78,7 +78,7 @@ fn hall() -> TestScene {
     TestScene::new(&meshes, scene, Vec::new())
 }
 
-/// Both renderers see the same; one of them culls what is hidden.
+/// Two renderers of one scene; one culls hidden geometry.
 struct Pair<'a> {
     test: &'a TestScene,
     culled: Renderer,
@@ -118,7 +118,8 @@ impl Pair<'_> {
         });
     }
 
-    /// Draws a frame with both; every pixel shows the same triangle at the same depth, but for ties.
+    /// Draws a frame with both; every pixel shows the same triangle at the same depth, but for
+    /// ties.
     fn check(&mut self, view: &View, place: &str) -> Counters {
         let counters = draw(&mut self.culled, view);
         draw(&mut self.whole, view);
@@ -289,7 +290,7 @@ fn hidden_pages_are_asked_for_last() {
     }
 }
 
-/// Both passes decide as the twins do, given the same depths, but for what lies within rounding.
+/// Both passes decide as the twins do over the same depths, apart from rounding.
 #[test]
 fn both_passes_agree_with_the_twins() {
     let Some(gpu) = gpu() else { return };

@@ -13,6 +13,7 @@
 //! its twin agrees: exactly for integers, within a bound for shading. This crate does not know wgpu.
 
 pub mod arrays;
+mod assembly;
 pub mod cpu;
 pub mod passes;
 pub mod scene_rows;

@@ -1,8 +1,9 @@
-//! The pass table and the assembly of WGSL sources.
+//! The pass table. `assembly.rs` puts the sources together.
 //!
 //! A pass's bindings are all in group 0, numbered in the order of [`Pass::bindings`]. The page pool
 //! comes last, as one or several bindings, because adapters bound the size of one. No stage binds
-//! more than [`MAX_STORAGE_BUFFERS`] of them. `tests/reflection.rs` compares the table with the WGSL.
+//! more than [`MAX_STORAGE_BUFFERS`] of them. `tests/reflection.rs` compares the table with the
+//! WGSL.
 
 /// Storage buffers that every WebGPU adapter binds in one stage.
 pub const MAX_STORAGE_BUFFERS: u32 = 8;
@@ -22,7 +23,8 @@ pub struct Pass {
     pub bindings: &'static [Binding],
     /// Whether and how the pass uses the page pool.
     pub pool: PoolAccess,
-    file: &'static str,
+    /// Its WGSL, imports not yet expanded.
+    pub(crate) file: &'static str,
 }
 
 /// A variable of a pass and its buffer's name.
@@ -96,6 +98,33 @@ const fn write(name: &'static str) -> Binding {
     Binding { name, access }
 }
 
+const PREPARE_BINDINGS: &[Binding] = &[uniform("view"), write("counters"), write("args")];
+
+const NODE_BINDINGS: &[Binding] = &[
+    uniform("view"),
+    uniform("occluder"),
+    read("scene"),
+    read("instances"),
+    read("page_table"),
+    read("hzb"),
+    write("page_priority"),
+    write("counters"),
+    write("node_queues"),
+    write("clusters"),
+];
+
+const RASTER_BINDINGS: &[Binding] = &[
+    uniform("view"),
+    read("scene"),
+    read("instances"),
+    read("clusters"),
+    read("args"),
+    read("draw_lists"),
+    write("visbuffer"),
+];
+
+const HZB_BINDINGS: &[Binding] = &[uniform("view"), read("visbuffer"), write("hzb")];
+
 /// Vertices of pages from differences, other clusters and parents, a workgroup a page.
 pub const RESTORE: Pass = pass(
     "restore",
@@ -141,7 +170,7 @@ pub const PREPARE_NODES: Pass = pass(
     "prepare_nodes",
     include_str!("../wgsl/prepare.wgsl"),
     &["prepare_nodes"],
-    &[uniform("view"), write("counters"), write("args")],
+    PREPARE_BINDINGS,
     PoolAccess::None,
 );
 /// One level of hierarchy nodes to nodes, candidates and requests, a thread a child.
@@ -149,18 +178,7 @@ pub const CULL_NODES: Pass = pass(
     "cull_nodes",
     include_str!("../wgsl/cull_nodes.wgsl"),
     &["cull_nodes"],
-    &[
-        uniform("view"),
-        uniform("occluder"),
-        read("scene"),
-        read("instances"),
-        read("page_table"),
-        read("hzb"),
-        write("page_priority"),
-        write("counters"),
-        write("node_queues"),
-        write("clusters"),
-    ],
+    NODE_BINDINGS,
     PoolAccess::None,
 );
 /// Arguments of `cull_rejected`, one thread.
@@ -168,7 +186,7 @@ pub const PREPARE_REJECTED: Pass = pass(
     "prepare_rejected",
     include_str!("../wgsl/prepare.wgsl"),
     &["prepare_rejected"],
-    &[uniform("view"), write("counters"), write("args")],
+    PREPARE_BINDINGS,
     PoolAccess::None,
 );
 /// Instances and children that the early pass rejected, tested once more, a thread an item.
@@ -176,18 +194,7 @@ pub const CULL_REJECTED: Pass = pass(
     "cull_rejected",
     include_str!("../wgsl/cull_nodes.wgsl"),
     &["cull_rejected"],
-    &[
-        uniform("view"),
-        uniform("occluder"),
-        read("scene"),
-        read("instances"),
-        read("page_table"),
-        read("hzb"),
-        write("page_priority"),
-        write("counters"),
-        write("node_queues"),
-        write("clusters"),
-    ],
+    NODE_BINDINGS,
     PoolAccess::None,
 );
 /// Arguments of `cull_clusters`, one thread.
@@ -195,7 +202,7 @@ pub const PREPARE_CLUSTERS: Pass = pass(
     "prepare_clusters",
     include_str!("../wgsl/prepare.wgsl"),
     &["prepare_clusters"],
-    &[uniform("view"), write("counters"), write("args")],
+    PREPARE_BINDINGS,
     PoolAccess::None,
 );
 /// Candidates to visible clusters, a thread a candidate.
@@ -221,7 +228,7 @@ pub const PREPARE_RASTER: Pass = pass(
     "prepare_raster",
     include_str!("../wgsl/prepare.wgsl"),
     &["prepare_raster"],
-    &[uniform("view"), write("counters"), write("args")],
+    PREPARE_BINDINGS,
     PoolAccess::None,
 );
 /// Visible clusters to the visbuffer, by the hardware rasterizer.
@@ -229,15 +236,7 @@ pub const RASTER: Pass = pass(
     "raster",
     include_str!("../wgsl/raster.wgsl"),
     &["raster_vertex", "raster_fragment"],
-    &[
-        uniform("view"),
-        read("scene"),
-        read("instances"),
-        read("clusters"),
-        read("args"),
-        read("draw_lists"),
-        write("visbuffer"),
-    ],
+    RASTER_BINDINGS,
     PoolAccess::Read,
 );
 /// Small visible clusters to the visbuffer, a workgroup a cluster.
@@ -245,15 +244,7 @@ pub const RASTER_COMPUTE: Pass = pass(
     "raster_compute",
     include_str!("../wgsl/raster_compute.wgsl"),
     &["raster_compute"],
-    &[
-        uniform("view"),
-        read("scene"),
-        read("instances"),
-        read("clusters"),
-        read("args"),
-        read("draw_lists"),
-        write("visbuffer"),
-    ],
+    RASTER_BINDINGS,
     PoolAccess::Read,
 );
 /// `raster` for scenes with masked materials: the fragment looks up alpha.
@@ -294,7 +285,7 @@ pub const BUILD_HZB: Pass = pass(
     "build_hzb",
     include_str!("../wgsl/build_hzb.wgsl"),
     &["build_hzb"],
-    &[uniform("view"), read("visbuffer"), write("hzb")],
+    HZB_BINDINGS,
     PoolAccess::None,
 );
 /// The pyramid's levels above the tiles', one workgroup.
@@ -302,7 +293,7 @@ pub const BUILD_HZB_TOP: Pass = pass(
     "build_hzb_top",
     include_str!("../wgsl/build_hzb.wgsl"),
     &["build_hzb_top"],
-    &[uniform("view"), read("visbuffer"), write("hzb")],
+    HZB_BINDINGS,
     PoolAccess::None,
 );
 /// Visbuffer to colours, a thread a pixel.
@@ -368,139 +359,10 @@ pub const ALL: [Pass; 20] = [
     PRESENT,
 ];
 
-const SHARED: &[(&str, &str)] = &[
-    ("types", include_str!("../wgsl/shared/types.wgsl")),
-    ("view", include_str!("../wgsl/shared/view.wgsl")),
-    ("scene", include_str!("../wgsl/shared/scene.wgsl")),
-    (
-        "error_metric",
-        include_str!("../wgsl/shared/error_metric.wgsl"),
-    ),
-    ("refine", include_str!("../wgsl/shared/refine.wgsl")),
-    ("snap", include_str!("../wgsl/shared/snap.wgsl")),
-    (
-        "raster_choice",
-        include_str!("../wgsl/shared/raster_choice.wgsl"),
-    ),
-    ("hzb", include_str!("../wgsl/shared/hzb.wgsl")),
-    ("occlusion", include_str!("../wgsl/shared/occlusion.wgsl")),
-    (
-        "hardware_list",
-        include_str!("../wgsl/shared/hardware_list.wgsl"),
-    ),
-    (
-        "node_queues",
-        include_str!("../wgsl/shared/node_queues.wgsl"),
-    ),
-    ("visit", include_str!("../wgsl/shared/visit.wgsl")),
-    (
-        "memory_form",
-        include_str!("../wgsl/shared/memory_form.wgsl"),
-    ),
-    ("strips", include_str!("../wgsl/shared/strips.wgsl")),
-    (
-        "staged_form",
-        include_str!("../wgsl/shared/staged_form.wgsl"),
-    ),
-    ("cluster", include_str!("../wgsl/shared/cluster.wgsl")),
-    (
-        "fetch_vertex",
-        include_str!("../wgsl/shared/fetch_vertex.wgsl"),
-    ),
-    (
-        "sample_texture",
-        include_str!("../wgsl/shared/sample_texture.wgsl"),
-    ),
-    ("material", include_str!("../wgsl/shared/material.wgsl")),
-    ("srgb", include_str!("../wgsl/shared/srgb.wgsl")),
-    (
-        "barycentric",
-        include_str!("../wgsl/shared/barycentric.wgsl"),
-    ),
-    ("surface", include_str!("../wgsl/shared/surface.wgsl")),
-    ("light", include_str!("../wgsl/shared/light.wgsl")),
-    ("hash", include_str!("../wgsl/shared/hash.wgsl")),
-    (
-        "false_color",
-        include_str!("../wgsl/shared/false_color.wgsl"),
-    ),
-];
-
 impl Pass {
     /// The storage buffers that one stage binds, without the pool.
     pub fn storage_buffers(&self) -> u32 {
         let stored = |binding: &&Binding| binding.access != Access::Uniform;
         self.bindings.iter().filter(stored).count() as u32
     }
-
-    /// The whole WGSL module: every `#import NAME` line brings `wgsl/shared/NAME.wgsl` once, and the page pool's
-    /// declarations follow.
-    pub fn source(&self, pool: PoolBindings) -> String {
-        let mut imported = Vec::new();
-        let mut source = expand(self.file, &mut imported);
-        source.push_str(&self.pool_source(pool));
-        source
-    }
-
-    fn pool_source(&self, pool: PoolBindings) -> String {
-        let (access, reads) = match self.pool {
-            PoolAccess::None => return String::new(),
-            PoolAccess::Read => ("read", true),
-            PoolAccess::Write => ("read_write", false),
-        };
-        let mut source = String::from("\n");
-        for index in 0..pool.count {
-            let binding = self.bindings.len() as u32 + index;
-            source += &format!(
-                "@group(0) @binding({binding}) var<storage, {access}> pool_{index}: array<u32>;\n"
-            );
-        }
-        source += if reads {
-            "fn load_pool(word: u32) -> u32 {\n"
-        } else {
-            "fn store_pool(word: u32, value: u32) {\n"
-        };
-        let mask = (1u64 << pool.words_log2) - 1;
-        for index in 0..pool.count {
-            let place = if pool.count == 1 {
-                "word".to_owned()
-            } else {
-                format!("word & {mask}u")
-            };
-            let body = match reads {
-                true => format!("return pool_{index}[{place}];"),
-                false => format!("pool_{index}[{place}] = value; return;"),
-            };
-            source += &match index + 1 == pool.count {
-                true => format!("    {body}\n"),
-                false => format!(
-                    "    if (word >> {}u) == {index}u {{ {body} }}\n",
-                    pool.words_log2
-                ),
-            };
-        }
-        source + "}\n"
-    }
-}
-
-fn expand(file: &str, imported: &mut Vec<String>) -> String {
-    let mut source = String::new();
-    for line in file.lines() {
-        match line.strip_prefix("#import ") {
-            Some(name) if imported.iter().any(|known| known == name) => {}
-            Some(name) => {
-                imported.push(name.to_owned());
-                match SHARED.iter().find(|(known, _)| *known == name) {
-                    Some((_, shared)) => source += &expand(shared, imported),
-                    // Left as it is: naga names the line, and the test that parses every pass fails.
-                    None => source += &format!("{line}\n"),
-                }
-            }
-            None => {
-                source += line;
-                source += "\n";
-            }
-        }
-    }
-    source
 }

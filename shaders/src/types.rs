@@ -197,8 +197,8 @@ pub struct RequestRecord {
     /// Largest projected error of any group in it, of any instance, pixels.
     pub error_px: f32,
     /// Projected errors summed over groups and instances, in units of
-    /// [`PRIORITY_UNITS_A_PX`](crate::cpu::error_metric::PRIORITY_UNITS_A_PX). Zero for a page whose
-    /// groups are all hidden: then the error is theirs.
+    /// [`PRIORITY_UNITS_A_PX`](crate::cpu::error_metric::PRIORITY_UNITS_A_PX). Zero for a page
+    /// whose groups are all hidden: then the error is theirs.
     pub priority: u32,
 }
 
@@ -241,12 +241,10 @@ pub struct Counters {
     pub hidden_nodes: u32,
     /// Clusters that both found hidden.
     pub hidden_clusters: u32,
-    /// First candidate of this pass.
+    /// First candidate of this pass; those that are decided about are skipped.
     pub first_candidate: u32,
     /// One past its last.
     pub last_candidate: u32,
-    /// Rejected clusters that this pass tests once more.
-    pub retested_clusters: u32,
     /// Visible clusters that were drawn or are about to be.
     pub drawn_count: u32,
     /// Those of them that the hardware draws.

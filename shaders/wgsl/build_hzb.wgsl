@@ -1,5 +1,5 @@
-// The visbuffer's depths to the pyramid of farthest depths: 64 x 64 pixels a workgroup to levels 1 to
-// 6, then one workgroup the rest.
+// The visbuffer's depths to the pyramid of farthest depths: 64 x 64 pixels a workgroup to levels 1
+// to 6, then one workgroup the rest.
 #import types
 #import hzb
 
@@ -8,7 +8,7 @@
 @group(0) @binding(1) var<storage, read> visbuffer: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read_write> hzb: array<u32>;
 
-// Nearer than any depth: what lies outside the picture hides all.
+// Nearer than any depth: pixels outside the picture do not lower a minimum.
 const OUTSIDE: u32 = 0xffffffffu;
 // Level of a workgroup's single texel.
 const TILE_LEVEL: u32 = 6u;

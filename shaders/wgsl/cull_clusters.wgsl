@@ -1,5 +1,5 @@
-// Candidates to visible clusters, a thread a candidate. Three lists in one buffer: candidates, visible
-// clusters, and those that the early pass rejected, which the late one tests before its own candidates.
+// Candidates to visible clusters, a thread a candidate. Visible ones lie behind the candidates. The
+// early pass marks the candidates that it decides about; the late one tests those that it rejected.
 #import refine
 #import cluster
 #import occlusion
@@ -36,13 +36,18 @@ fn cull_clusters(
     @builtin(local_invocation_index) local: u32,
 ) {
     let index = thread_index(workgroup, local);
-    let retested = counters.retested_clusters;
-    if index >= retested + counters.last_candidate - counters.first_candidate {
+    if index >= counters.last_candidate - counters.first_candidate {
         return;
     }
-    let rejected = 2u * view.cluster_capacity + index;
-    let candidate = counters.first_candidate + index - retested;
-    let item = clusters[select(candidate, rejected, index < retested)];
+    let candidate = counters.first_candidate + index;
+    let item = clusters[candidate];
+    if item.page_word == NOT_INSTALLED {
+        return;
+    }
+    let is_early = tests_occlusion() && !is_late();
+    if is_early {
+        clusters[candidate].page_word = NOT_INSTALLED;
+    }
     let instance = instances[item.instance];
     let asset = load_asset(instance.asset);
     let cluster = load_cluster(item.page_word, item.cluster);
@@ -55,13 +60,12 @@ fn cull_clusters(
         return;
     }
     if tests_occlusion() && is_hidden(instance, aabb_min, aabb_max) {
-        if is_late() {
+        if is_early {
+            atomicAdd(&counters.rejected_clusters, 1u);
+            clusters[candidate].page_word = item.page_word;
+        } else {
             atomicAdd(&counters.hidden_clusters, 1u);
-            return;
         }
-        // There is room: no more are rejected than were candidates.
-        let place = atomicAdd(&counters.rejected_clusters, 1u);
-        clusters[2u * view.cluster_capacity + place] = item;
         return;
     }
     atomicAdd(&counters.triangles_drawn, cluster_triangle_count(cluster));

@@ -1,5 +1,5 @@
-// One level of hierarchy nodes to the next level, to candidates and to streaming requests, a thread a
-// child; and in the late pass, first, what the early pass rejected.
+// One level of hierarchy nodes to the next level, to candidates and to streaming requests, a thread
+// a child; and in the late pass, first, the rejects of the early pass.
 #import visit
 
 @group(0) @binding(0) var<uniform> view: View;

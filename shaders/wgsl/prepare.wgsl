@@ -40,14 +40,14 @@ fn prepare_rejected() {
     args.nodes_z = 1u;
 }
 
-// The candidates since the last call, and the clusters rejected since: those of the early pass.
+// The candidates since the last call. Where the early pass rejected some, all of them: the others
+// are marked as decided.
 @compute @workgroup_size(1)
 fn prepare_clusters() {
-    counters.first_candidate = counters.last_candidate;
+    let has_rejected = atomicLoad(&counters.rejected_clusters) != 0u;
+    counters.first_candidate = select(counters.last_candidate, 0u, has_rejected);
     counters.last_candidate = min(atomicLoad(&counters.candidate_count), view.cluster_capacity);
-    counters.retested_clusters = atomicLoad(&counters.rejected_clusters);
-    let count = counters.retested_clusters + counters.last_candidate - counters.first_candidate;
-    let size = workgroups(count, WORKGROUP_THREADS);
+    let size = workgroups(counters.last_candidate - counters.first_candidate, WORKGROUP_THREADS);
     args.clusters_x = size.x;
     args.clusters_y = size.y;
     args.clusters_z = 1u;

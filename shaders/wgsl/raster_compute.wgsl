@@ -1,6 +1,6 @@
-// Small visible clusters to the visbuffer, a workgroup a cluster: vertices once into workgroup memory,
-// then a thread a triangle. Coverage is decided in integers on the grid of `snap`, by the top-left rule,
-// as the hardware decides it.
+// Small visible clusters to the visbuffer, a workgroup a cluster: vertices once into workgroup
+// memory, then a thread a triangle. Coverage is decided in integers on the grid of `snap`, by the
+// top-left rule, as the hardware decides it.
 #import types
 #import fetch_vertex
 #import material

@@ -1,5 +1,5 @@
-// Fragments a pixel, for the overdraw picture alone: `shade` turns the counts into colours in place.
-// Drawn like `raster`.
+// Fragments a pixel, for the overdraw picture alone: `shade` turns the counts into colours in
+// place. Drawn like `raster`.
 #import types
 #import fetch_vertex
 #import hardware_list

@@ -1,8 +1,8 @@
 // Visbuffer to colours, a thread a pixel: dispatch ceil(width / 8) x ceil(height / 8) workgroups.
 //
-// The id names the triangle; its attributes are fetched and interpolated here, with analytic derivatives for the texture.
-// `color` gets sRGB bytes, RGBA from the low byte, alpha 255. In overdraw mode it holds the fragment
-// counts before.
+// The id names the triangle; its attributes are fetched and interpolated here, with analytic
+// derivatives for the texture. `color` gets sRGB bytes, RGBA from the low byte, alpha 255. In
+// overdraw mode it holds the fragment counts before.
 #import types
 #import surface
 #import srgb

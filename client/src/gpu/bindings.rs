@@ -86,7 +86,8 @@ mod tests {
 
     use super::*;
 
-    /// The noop device has the limits that every WebGPU adapter has, so a pass past them fails here.
+    /// The noop device has the limits that every WebGPU adapter has, so a pass past them fails
+    /// here.
     #[test]
     fn a_pass_with_too_many_storage_buffers_is_refused() {
         let gpu = Gpu::noop();

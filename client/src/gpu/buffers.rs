@@ -18,8 +18,8 @@ use super::error::GpuError;
 
 /// Both halves of the node queues and the rejected items, an item of capacity.
 const NODE_ITEM_BYTES: usize = 3 * size_of::<NodeItem>();
-/// Candidates, visible and rejected clusters, an item of capacity.
-const CLUSTER_ITEM_BYTES: usize = 3 * size_of::<ClusterItem>();
+/// Candidates and visible clusters, an item of capacity.
+const CLUSTER_ITEM_BYTES: usize = 2 * size_of::<ClusterItem>();
 
 /// No buffer is smaller: a binding must hold at least one element of what it is declared as.
 const SMALLEST_BYTES: u64 = 256;
@@ -81,7 +81,8 @@ impl Default for Capacities {
 }
 
 impl Capacities {
-    /// The smallest doubling of `self` that holds what `counters` asked for, or the reason why there is none.
+    /// The smallest doubling of `self` that holds the counts, at most the largest that the adapter
+    /// binds, or the reason why there is none.
     /// Returns `self` where everything fitted.
     pub fn grown(self, gpu: &Gpu, counters: &Counters) -> Result<Self, GpuError> {
         let clusters = counters.candidate_count.max(counters.visible_count);
@@ -90,14 +91,14 @@ impl Capacities {
             while grown < wanted as u64 {
                 grown *= 2;
             }
-            match grown <= most || grown == capacity as u64 {
-                true => Ok(grown as u32),
-                false => Err(GpuError::Limit {
+            if wanted as u64 > most.max(capacity as u64) {
+                return Err(GpuError::Limit {
                     adapter: gpu.name.clone(),
                     expected: format!("room for {wanted} {name}"),
                     found: format!("at most {most}"),
-                }),
+                });
             }
+            Ok(grown.min(most.max(capacity as u64)) as u32)
         };
         let bindable = |bytes: usize| gpu.max_binding_bytes() / bytes as u64;
         // A visbuffer id has 32 bits for the visible cluster and its triangle.

@@ -13,7 +13,7 @@ use super::recorder::Recorder;
 pub enum Work {
     /// Streaming requests alone: what a viewer that nobody watches needs while pages come.
     Requests,
-    /// The visbuffer too: it says what hides what.
+    /// The visbuffer too: its depths decide about occlusion.
     Visbuffer,
     /// The picture too.
     Picture,
@@ -42,7 +42,8 @@ struct Picture {
 }
 
 impl Passes {
-    /// Binds the passes of frames that draw, or of those that do not, building pipelines on the way.
+    /// Binds the passes of frames that draw, or of those that do not, building pipelines on the
+    /// way.
     pub fn new(
         parts: &mut Parts<'_>,
         arrays: &SceneArrays,
@@ -65,7 +66,7 @@ impl Passes {
         })
     }
 
-    /// Binds what `steps` need, where it is not yet.
+    /// Binds the missing passes of `steps`.
     pub fn add(&mut self, parts: &mut Parts<'_>, steps: Steps) -> Result<(), GpuError> {
         if steps.builds && self.build_hzb.is_none() {
             self.build_hzb = Some(BuildHzb::new(parts)?);
@@ -76,7 +77,7 @@ impl Passes {
         Ok(())
     }
 
-    /// Visbuffer of what lies in `visible` already, without any culling.
+    /// Draws the clusters that `visible` has already, without any culling.
     pub fn record_picture(&self, recorder: &mut Recorder<'_>) {
         if let Some(picture) = &self.picture {
             picture.raster.record(recorder);
@@ -117,8 +118,8 @@ impl Passes {
 
 /// Records one frame. Pages were transcoded and the page table patched before it, on the same queue.
 ///
-/// Instances, nodes and clusters are tested against the depths of the last frame ("early") and drawn.
-/// The rejects are tested once more against the depths of those ("late") and drawn. The
+/// Instances, nodes and clusters are tested against the depths of the last frame ("early") and
+/// drawn. The rejects are tested once more against the depths of those ("late") and drawn. The
 /// compute rasterizer and the hardware write the visbuffer by the same atomic maximum.
 pub fn record(
     recorder: &mut Recorder<'_>,

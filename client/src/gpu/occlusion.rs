@@ -1,7 +1,8 @@
-//! Occlusion over frames: whose depths the pyramid has, and whether the next frame tests against them.
+//! Occlusion over frames: whose depths the pyramid has, and whether the next frame tests against
+//! them.
 //!
-//! The early test and the late pass are a pair: either both run or neither does, since rejects of the
-//! early test that no late pass looks at again would be lost.
+//! The early test and the late pass are a pair: either both run or neither does, since rejects of
+//! the early test that no late pass looks at again would be lost.
 
 use lodestream_shaders::types::{Counters, View, view_flag};
 
@@ -52,7 +53,7 @@ impl Occlusion {
         self.drawn = None;
     }
 
-    /// What a frame of `view` takes. `draws` says that it fills the visbuffer.
+    /// The steps of a frame of `view`. `draws` says that it fills the visbuffer.
     pub fn plan(&mut self, view: &View, draws: bool) -> Steps {
         let asleep = draws && self.sleep_frames > 0;
         if asleep {
@@ -68,7 +69,8 @@ impl Occlusion {
         }
     }
 
-    /// The occluder of the early pass. A frame that does not draw has no late pass: hidden is hidden.
+    /// The occluder of the early pass. A frame that does not draw has no late pass: hidden is
+    /// hidden.
     pub fn early(&self, steps: Steps, draws: bool) -> Option<View> {
         let drawn = self.drawn.filter(|_| steps.tests)?;
         let late = if draws { 0 } else { view_flag::LATE };
@@ -111,7 +113,8 @@ impl Occlusion {
         self.off || self.sleep_frames > 0 || self.drawn.as_ref().is_some_and(sized)
     }
 
-    /// Whether requests of `view` without a picture would be tested against depths of that very view.
+    /// Whether requests of `view` without a picture would be tested against depths of that very
+    /// view.
     pub fn sees(&self, view: &View) -> bool {
         let same = |drawn: &View| {
             drawn.size_px == view.size_px

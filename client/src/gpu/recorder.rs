@@ -84,8 +84,8 @@ impl<'a> Recorder<'a> {
         });
     }
 
-    /// A span named `name` that draws `bound` with the arguments at `offset` bytes of `args`, into nothing but its storage buffers;
-    /// `unwritten` is the attachment that a pass must have.
+    /// A span named `name` that draws `bound` with the arguments at `offset` bytes of `args`, into
+    /// nothing but its storage buffers; `unwritten` is the attachment that a pass must have.
     pub fn draw_indirect(
         &mut self,
         name: &'static str,

@@ -156,7 +156,7 @@ impl Renderer {
         self.occlusion.set_off(!on);
     }
 
-    /// Whether what is hidden is culled.
+    /// Whether hidden geometry is culled.
     pub fn has_occlusion(&self) -> bool {
         self.occlusion.is_on()
     }
@@ -166,8 +166,8 @@ impl Renderer {
         self.by_compute
     }
 
-    /// Whether requests of `view` are known without drawing: nothing is tested, or against depths of
-    /// that very view.
+    /// Whether requests of `view` are known without drawing: nothing is tested, or against depths
+    /// of that very view.
     pub fn sees(&self, view: &View) -> bool {
         self.occlusion.sees(&self.filled(view))
     }

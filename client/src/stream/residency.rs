@@ -237,7 +237,7 @@ impl<Form: PageForm> Residency<Form> {
         self.update_count += 1;
         let (mut wants, ignored) = self.closure.close(requests, &self.pages);
         self.stats.ignored_requests += ignored;
-        // Hidden pages take what room is left: they raise no pixel error.
+        // Hidden pages take only free slots: they raise no pixel error.
         let seen: Vec<Want> = wants
             .iter()
             .copied()
@@ -342,8 +342,8 @@ impl<Form: PageForm> Residency<Form> {
         Ok(())
     }
 
-    /// Whether the last updates found all visible pages installed, no visible page is under way, and
-    /// the pixel error stays. Hidden pages may still come.
+    /// Whether the last updates found all visible pages installed, no visible page is under way,
+    /// and the pixel error stays. Hidden pages may still come.
     pub fn is_settled(&self) -> bool {
         self.quiet_updates >= self.readback_updates && self.sees_all()
     }

@@ -9,16 +9,15 @@ use super::error_metric::refine;
 use super::view::{CLUSTER_SLACK, aabb_in_frustum};
 use super::visit::CullInput;
 use crate::arrays::SceneArrays;
-use crate::types::{AssetRecord, ClusterItem, Counters, InstanceRecord, View};
+use crate::types::{AssetRecord, ClusterItem, Counters, InstanceRecord, NOT_INSTALLED, View};
 
-/// Candidates to visible clusters; the early pass puts hidden ones into `rejected`. A candidate
-/// whose page is not in `pool` is dropped.
+/// Candidates to visible clusters. The early pass marks all but the hidden ones, for the late one.
+/// A candidate whose page is not in `pool` is dropped.
 pub fn cull_clusters(
     input: &CullInput<'_>,
     pool: &[u32],
-    candidates: &[ClusterItem],
+    candidates: &mut [ClusterItem],
     counters: &mut Counters,
-    rejected: &mut Vec<ClusterItem>,
     visible: &mut Vec<ClusterItem>,
 ) {
     let CullInput {
@@ -27,7 +26,15 @@ pub fn cull_clusters(
         page_table,
         occluder,
     } = *input;
-    for item in candidates {
+    let is_early = occluder.is_some_and(|occluder| !occluder.late);
+    for candidate in candidates {
+        let item = *candidate;
+        if item.page_word == NOT_INSTALLED {
+            continue;
+        }
+        if is_early {
+            candidate.page_word = NOT_INSTALLED;
+        }
         let page = pool.get(item.page_word as usize..).unwrap_or(&[]);
         let Some(cluster) = ClusterView::new(page, item.cluster) else {
             continue;
@@ -43,11 +50,11 @@ pub fn cull_clusters(
         if let Some(occluder) = occluder
             && occluder.hides(instance, low, high)
         {
-            if occluder.late {
-                counters.hidden_clusters += 1;
-            } else {
+            if is_early {
                 counters.rejected_clusters += 1;
-                rejected.push(*item);
+                *candidate = item;
+            } else {
+                counters.hidden_clusters += 1;
             }
             continue;
         }
@@ -56,7 +63,7 @@ pub fn cull_clusters(
             .wrapping_add(header.triangle_count());
         append(
             visible,
-            *item,
+            item,
             &mut counters.visible_count,
             view.cluster_capacity,
         );

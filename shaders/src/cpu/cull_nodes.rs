@@ -1,4 +1,4 @@
-//! Twin of `wgsl/cull_nodes.wgsl`: a level of nodes, and what the early pass rejected.
+//! Twin of `wgsl/cull_nodes.wgsl`: a level of nodes, and the rejects of the early pass.
 
 use lodestream_format::limits::HIERARCHY_WIDTH;
 
@@ -18,7 +18,7 @@ pub fn cull_nodes(input: &CullInput<'_>, node_queue_in: &[NodeItem], output: &mu
     }
 }
 
-/// Tests once more what the early pass rejected, against the depths of this frame.
+/// Tests the rejects of the early pass against the depths of this frame.
 pub fn cull_rejected(
     input: &CullInput<'_>,
     occluder: &Occluder<'_>,

@@ -45,8 +45,8 @@ pub fn cut_early(input: &CullInput<'_>, pool: &[u32]) -> Frame {
     frame
 }
 
-/// The late pass: `input.occluder` has the depths of the clusters that the early pass drew. What
-/// both rejected is hidden.
+/// The late pass: `input.occluder` has the depths of the clusters that the early pass drew.
+/// Items that both passes reject are hidden.
 pub fn cut_late(input: &CullInput<'_>, occluder: &Occluder<'_>, frame: &mut Frame, pool: &[u32]) {
     let rejected = std::mem::take(&mut frame.output.rejected_nodes);
     let output = &mut frame.output;
@@ -72,7 +72,6 @@ pub fn requests_only(arrays: &SceneArrays, view: &View) -> (Vec<RequestRecord>, 
 #[derive(Debug, Default)]
 pub struct Frame {
     output: CullOutput,
-    rejected_clusters: Vec<ClusterItem>,
     visible: Vec<ClusterItem>,
     args: IndirectArgs,
 }
@@ -109,17 +108,9 @@ impl Frame {
         let output = &mut self.output;
         let counters = &mut output.counters;
         prepare_clusters(input.view, counters, &mut self.args);
-        let new = counters.first_candidate as usize..counters.last_candidate as usize;
-        let mut tested = std::mem::take(&mut self.rejected_clusters);
-        tested.extend(&output.candidates[new]);
-        cull_clusters(
-            input,
-            pool,
-            &tested,
-            counters,
-            &mut self.rejected_clusters,
-            &mut self.visible,
-        );
+        let tested = counters.first_candidate as usize..counters.last_candidate as usize;
+        let candidates = &mut output.candidates[tested];
+        cull_clusters(input, pool, candidates, counters, &mut self.visible);
         prepare_raster(input.view, counters, &mut self.args);
     }
 

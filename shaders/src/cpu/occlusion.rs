@@ -1,4 +1,4 @@
-//! Twin of `wgsl/shared/occlusion.wgsl`: whether what was drawn hides a box.
+//! Twin of `wgsl/shared/occlusion.wgsl`: the test of a box against drawn depths.
 
 use glam::{Vec2, Vec3, Vec4};
 
@@ -29,7 +29,7 @@ pub struct Occluder<'a> {
 }
 
 impl Occluder<'_> {
-    /// Whether all that lies in a local box is behind what was drawn.
+    /// Whether a local box is behind all depths of its pixels.
     pub fn hides(&self, instance: &InstanceRecord, aabb_min: [f32; 3], aabb_max: [f32; 3]) -> bool {
         let view = self.view;
         let (aabb_min, aabb_max) = (Vec3::from(aabb_min), Vec3::from(aabb_max));
@@ -64,7 +64,7 @@ impl Occluder<'_> {
         }
         let depth = nearest - slack_metres;
         let farthest_px = low_px.abs().max(high_px.abs()).max_element();
-        // Written so that what is not a number is visible.
+        // Not-a-number compares false, so it counts as visible.
         let is_bounded = depth > view.near_metres && farthest_px < MOST_PX;
         if !is_bounded {
             return false;

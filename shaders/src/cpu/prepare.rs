@@ -25,13 +25,15 @@ pub fn prepare_rejected(view: &View, counters: &Counters, args: &mut IndirectArg
     args.nodes = workgroups(count, WORKGROUP_THREADS);
 }
 
-/// Arguments of `cull_clusters`: the candidates since the last call, and the clusters rejected since.
+/// Arguments of `cull_clusters`: the candidates since the last call. Where the early pass rejected
+/// some, all of them: the others are marked as decided.
 pub fn prepare_clusters(view: &View, counters: &mut Counters, args: &mut IndirectArgs) {
-    counters.first_candidate = counters.last_candidate;
+    counters.first_candidate = match counters.rejected_clusters {
+        0 => counters.last_candidate,
+        _ => 0,
+    };
     counters.last_candidate = counters.candidate_count.min(view.cluster_capacity);
-    counters.retested_clusters = counters.rejected_clusters;
-    let candidates = counters.last_candidate - counters.first_candidate;
-    let count = counters.retested_clusters + candidates;
+    let count = counters.last_candidate - counters.first_candidate;
     args.clusters = workgroups(count, WORKGROUP_THREADS);
 }
 

@@ -1,5 +1,7 @@
 //! What naga says about the assembled passes: layouts of structs and values of constants.
 
+#![allow(dead_code)] // Every test file uses its part.
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use lodestream_shaders::passes::{ALL, Pass, PoolBindings};

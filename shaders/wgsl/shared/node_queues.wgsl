@@ -1,5 +1,5 @@
-// The queues of hierarchy nodes: two halves that swap with each level, then the rejected items. Needs the bindings
-// `view`, `counters` and `node_queues`.
+// The queues of hierarchy nodes: two halves that swap with each level, then the rejected items.
+// Needs the bindings `view`, `counters` and `node_queues`.
 #import types
 
 // Of a queued node: it is hidden, and so is all below it. Its pages are asked for after all others.
@@ -7,7 +7,8 @@ const HIDDEN_FLAG: u32 = 0x80000000u;
 // A rejected item whose instance was rejected whole; others name node * 8 + child.
 const WHOLE_INSTANCE: u32 = 0xffffffffu;
 
-// Puts an item on the list of rejected ones; false where it is full: then the item counts as visible.
+// Puts an item on the list of rejected ones; false where it is full: then the item counts as
+// visible.
 fn reject_node(item: NodeItem) -> bool {
     let place = atomicAdd(&counters.rejected_nodes, 1u);
     if place >= view.node_capacity {

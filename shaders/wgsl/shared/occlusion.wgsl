@@ -1,9 +1,10 @@
-// The test of a box against the depths that were drawn. Needs the bindings `occluder`, the view that
-// drew them, and `hzb`.
+// The test of a box against the depths that were drawn. Needs the bindings `occluder`, the view
+// that drew them, and `hzb`.
 //
-// Nothing visible is ever hidden: the box's pixels and its nearest depth are bounded with the rounding
-// of both, and the depths are the farthest of their pixels. The pyramid halves with sides rounded up,
-// so texel i of level L covers just the pixels i << L to (i + 1) << L, whatever the size.
+// Nothing visible is ever hidden: the box's pixels and its nearest depth are bounded with the
+// rounding of both, and the depths are the farthest of their pixels. The pyramid halves with sides
+// rounded up, so texel i of level L covers just the pixels i << L to (i + 1) << L, whatever the
+// size.
 #import view
 
 const VIEW_FLAG_OCCLUSION: u32 = 2u;
@@ -24,12 +25,12 @@ fn tests_occlusion() -> bool {
     return (occluder.flags & VIEW_FLAG_OCCLUSION) != 0u;
 }
 
-// Whether what is hidden now stays hidden in this frame.
+// Whether this pass decides: hidden here is hidden in this frame.
 fn is_late() -> bool {
     return (occluder.flags & VIEW_FLAG_LATE) != 0u;
 }
 
-// Whether all that lies in a local box is behind what was drawn.
+// Whether a local box is behind all depths of its pixels.
 fn is_hidden(instance: InstanceRecord, aabb_min: vec3<f32>, aabb_max: vec3<f32>) -> bool {
     let origin = (instance.translation_high - occluder.eye_high) + (instance.translation_low - occluder.eye_low);
     let reach = max(abs(aabb_min), abs(aabb_max));
@@ -56,7 +57,7 @@ fn is_hidden(instance: InstanceRecord, aabb_min: vec3<f32>, aabb_max: vec3<f32>)
         high_px = max(high_px, px);
     }
     let depth = nearest - slack_metres;
-    // Written so that what is not a number is visible.
+    // Not-a-number compares false, so it counts as visible.
     if !(depth > occluder.near_metres) {
         return false;
     }

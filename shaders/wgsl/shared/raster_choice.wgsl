@@ -5,8 +5,8 @@
 #import cluster
 #import material
 
-// Longest side of a cluster on the screen for the compute rasterizer, pixels: its edge functions then
-// stay below 2^31.
+// Longest side of a cluster on the screen for the compute rasterizer, pixels: its edge functions
+// then stay below 2^31.
 const MOST_COMPUTE_PX: f32 = 64.0;
 // Nearest depth for it, in near planes: it does not clip.
 const LEAST_COMPUTE_NEARS: f32 = 2.0;

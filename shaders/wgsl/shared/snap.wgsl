@@ -1,7 +1,7 @@
 // The integer grid that both rasterizers draw on: 1/256 of a pixel. Needs the binding `view`.
 //
-// The hardware gets positions that lie on the grid already, so its own snap finds nothing to decide,
-// and both rasterizers cover the same pixels.
+// The hardware gets positions that lie on the grid already, so its own snap finds nothing to
+// decide, and both rasterizers cover the same pixels.
 #import view
 
 const SUBPIXELS: f32 = 256.0;

@@ -1,4 +1,5 @@
-// The surface of a visbuffer id at a pixel. Reads `view`, `scene`, `instances`, `clusters`, `texels`.
+// The surface of a visbuffer id at a pixel. Reads `view`, `scene`, `instances`, `clusters`,
+// `texels`.
 #import types
 #import fetch_vertex
 #import material

@@ -119,7 +119,6 @@ struct Counters {
     hidden_clusters: atomic<u32>,
     first_candidate: u32,
     last_candidate: u32,
-    retested_clusters: u32,
     drawn_count: u32,
     hardware_count: atomic<u32>,
     compute_count: atomic<u32>,

@@ -1,5 +1,5 @@
-// A child of a hierarchy node, with the tests that decide about it: frustum, occlusion, pixel error. Needs the
-// bindings of `cull_nodes`.
+// A child of a hierarchy node, with the tests that decide about it: frustum, occlusion, pixel
+// error. Needs the bindings of `cull_nodes`.
 #import refine
 #import node_queues
 #import occlusion
@@ -12,8 +12,8 @@ const NO_CHILD: u32 = 0xffffffffu;
 const REQUEST_WORDS: u32 = 3u;
 
 // Asks for every page of a group, installed or not: what is installed stays fresh. Three words a
-// page: the largest error of any visible group, the sum of all their errors, over all instances, and
-// the largest error of any hidden group.
+// page: the largest error of any visible group, the sum of all their errors, over all instances,
+// and the largest error of any hidden group.
 //
 // The sum saturates, and is the same in any order of the additions. One that wraps is followed by
 // its own maximum. After the last of these no addition can come, since it would wrap; so the word
@@ -55,8 +55,9 @@ fn visit_group(group: Group, asset: AssetRecord, instance_index: u32, instance: 
         let units = priority_units(error, exact_px, view.size_px);
         request_pages(group, asset.page_base, request_bits(error, exact_px), units, hidden);
     }
-    // `cull_clusters` decides for itself, about the group and about the one below by the same code, so that two compilations
-    // of one formula cannot disagree; here a level's slack more lets nothing through too little.
+    // `cull_clusters` decides for itself, about the group and about the one below by the same code,
+    // so that two compilations of one formula cannot disagree; here a level's slack more lets
+    // nothing through too little.
     let loose_px = group_projected_px(group, instance, f32(group.level + 1u));
     if !hidden && error_wanted(view, error, loose_px) && group_installed(group, asset.page_base) {
         append_candidates(group, asset, instance_index);

@@ -1,5 +1,5 @@
 //! Instances, then one dispatch a level of the hierarchy, then clusters: no forward progress between workgroups is assumed.
-//! The late pass does the same from what the early one rejected.
+//! The late pass does the same from the rejects of the early one.
 
 use std::mem::offset_of;
 
@@ -95,7 +95,7 @@ impl Cull {
         }
     }
 
-    /// From what the early pass rejected to the visible clusters that it missed.
+    /// From the rejects of the early pass to the visible clusters among them.
     pub fn record_late(&self, recorder: &mut Recorder<'_>) {
         let (Some(clusters), Some(late)) = (&self.clusters, &self.late) else {
             return;

@@ -1,5 +1,5 @@
-//! Visible clusters to the visbuffer: small ones by the compute rasterizer, the others by the hardware. The pass that looks
-//! materials up runs only where one can hide a fragment.
+//! Visible clusters to the visbuffer: small ones by the compute rasterizer, the others by the
+//! hardware. The pass that looks materials up runs only where one can hide a fragment.
 
 use std::mem::offset_of;
 
@@ -78,12 +78,12 @@ impl Raster {
         self.raster_overdraw.is_some()
     }
 
-    /// Draws what `prepare_raster` counted.
+    /// Draws the clusters of the early pass.
     pub fn record(&self, recorder: &mut Recorder<'_>) {
         self.record_as(recorder, self.raster.name(), "raster_compute");
     }
 
-    /// Draws what the late pass added.
+    /// Draws the clusters of the late pass.
     pub fn record_late(&self, recorder: &mut Recorder<'_>) {
         self.record_as(recorder, "late_raster", "late_raster_compute");
     }
