@@ -61,8 +61,8 @@ const SHARED: &[(&str, &str)] = &[
 ];
 
 impl Pass {
-    /// The whole WGSL module: every `#import NAME` line brings `wgsl/shared/NAME.wgsl` once, and the page pool's
-    /// declarations follow.
+    /// The whole WGSL module: every `#import NAME` line brings `wgsl/shared/NAME.wgsl` once, and the
+    /// page pool's declarations follow.
     pub fn source(&self, pool: PoolBindings) -> String {
         let mut imported = Vec::new();
         let mut source = expand(self.file, &mut imported);
@@ -120,7 +120,7 @@ fn expand(file: &str, imported: &mut Vec<String>) -> String {
                 imported.push(name.to_owned());
                 match SHARED.iter().find(|(known, _)| *known == name) {
                     Some((_, shared)) => source += &expand(shared, imported),
-                    // Left as it is: naga names the line, and the test that parses every pass fails.
+                    // Left as it is: naga names the line, and the test of all passes fails.
                     None => source += &format!("{line}\n"),
                 }
             }
