@@ -88,6 +88,8 @@ pub struct Drawn {
     pub clusters_hardware: u64,
     /// Clusters drawn by the compute rasterizer.
     pub clusters_software: u64,
+    /// Instances below a pixel that are drawn as points.
+    pub points: u64,
     /// Clusters that the depths of the last frame did not hide.
     pub clusters_early: u64,
     /// Clusters that those hid and this frame's did not.
@@ -111,6 +113,7 @@ impl From<&Counters> for Drawn {
             triangles: counters.triangles_drawn as u64,
             clusters_hardware: counters.hardware_count as u64,
             clusters_software: counters.compute_count as u64,
+            points: counters.point_count as u64,
             clusters_early: counters.early_count as u64,
             clusters_late: (counters.drawn_count - counters.early_count) as u64,
             hidden_instances: counters.hidden_instances as u64,

@@ -7,8 +7,9 @@ use crate::grid::Grid;
 use crate::hash::ContentHash;
 use crate::limits::{MAX_DISK_FORM_BYTES, MAX_MATERIAL_SLOTS, MAX_PAGE_DEPENDENCIES, PAGE_WORDS};
 use crate::message;
+use crate::proxy::Proxy;
 
-const MAGIC: [u8; 4] = *b"LSA1";
+const MAGIC: [u8; 4] = *b"LSA2";
 
 /// Where a page lies in the pack, and what must be installed before it.
 #[derive(Debug, Clone, PartialEq, Eq, bincode::Encode, bincode::Decode)]
@@ -52,6 +53,8 @@ pub struct Asset {
     pub pack: ContentHash,
     /// The [`crate::Hierarchy`] object.
     pub hierarchy: ContentHash,
+    /// The look of the whole from afar.
+    pub proxy: Proxy,
     /// The first pages, always resident.
     pub root_page_count: u32,
     /// Every page.
@@ -79,7 +82,8 @@ impl Asset {
     /// Bytes that it takes in memory.
     pub fn memory_bytes(&self) -> u64 {
         let dependencies = self.pages.iter().map(|page| page.dependencies.len());
-        (size_of_val(&self.pages[..]) + 4 * dependencies.sum::<usize>()) as u64
+        let pages = size_of_val(&self.pages[..]) + 4 * dependencies.sum::<usize>();
+        (pages + self.proxy.heap_bytes()) as u64
     }
 
     fn check(&self) -> Result<(), FormatError> {
@@ -111,6 +115,7 @@ impl Asset {
             "1..=65535",
             slots,
         )?;
+        self.proxy.check(self.material_slots)?;
         let count = self.pages.len();
         ensure(
             count > 0 && count < u32::MAX as usize,

@@ -27,6 +27,7 @@ pub mod memory_form;
 mod message;
 pub mod octahedral;
 pub mod page_reader;
+pub mod proxy;
 mod reader;
 pub mod scene;
 pub mod strips;

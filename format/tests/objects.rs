@@ -7,6 +7,7 @@ use lodestream_format::bounds::{Aabb, Sphere};
 use lodestream_format::cluster::Attributes;
 use lodestream_format::grid::Grid;
 use lodestream_format::hierarchy::{Child, Group, LEAF_FLAG, Node, Part, ROOT_ERROR};
+use lodestream_format::proxy::{Proxy, ProxySide, SlotShare};
 use lodestream_format::scene::{
     AlphaMode, Instance, Material, MediaType, SceneAsset, Texture, TextureUse, Wrap,
 };
@@ -36,6 +37,18 @@ fn asset() -> Asset {
         levels: 3,
         pack: ContentHash::of(b"pack"),
         hierarchy: ContentHash::of(b"hierarchy"),
+        proxy: Proxy {
+            areas_m2: [1.0, 2.5, 0.0],
+            boxiness: 0.25,
+            sides: std::array::from_fn(|side| ProxySide {
+                normal: [side as u16, 1023],
+                color: [255, 0, side as u8],
+                shares: (0..2)
+                    .map(|slot| SlotShare { slot, share: 100 })
+                    .take(side)
+                    .collect(),
+            }),
+        },
         root_page_count: 1,
         pages: vec![
             page(0, 100, vec![]),

@@ -2,12 +2,14 @@
 
 use glam::{DMat3, DVec3};
 use lodestream_format::hierarchy::{Group, Node, Part};
+use lodestream_format::proxy::Proxy;
 use lodestream_format::scene::{AlphaMode, Instance, Material, Wrap};
 use lodestream_format::{Asset, Hierarchy, Scene};
 
+use crate::proxies::proxy_record;
 use crate::types::{
     AssetRecord, InstanceRecord, MaterialRecord, NO_MASK_CUTOFFS, NO_TEXTURE, NOT_INSTALLED,
-    material_flag,
+    ProxyRecord, WHITE_TEXEL, material_flag,
 };
 
 /// Flat arrays of a scene. Node, group and page numbers inside an asset count from the bases in its [`AssetRecord`].
@@ -27,6 +29,8 @@ pub struct SceneArrays {
     pub material_slots: Vec<u32>,
     /// Materials; a scene without any has one default.
     pub materials: Vec<MaterialRecord>,
+    /// Proxies of the assets.
+    pub proxies: Vec<Proxy>,
     /// Pages of all assets.
     pub page_count: u32,
     /// Levels of nodes of the deepest hierarchy: how many rounds `cull_nodes` takes.
@@ -55,6 +59,7 @@ impl SceneArrays {
                 material_base: arrays.material_slots.len() as u32,
                 spare: [0; 2],
             });
+            arrays.proxies.push(asset.proxy.clone());
             arrays.nodes.extend(&hierarchy.nodes);
             arrays.groups.extend(&hierarchy.groups);
             arrays.parts.extend(&hierarchy.parts);
@@ -81,6 +86,15 @@ impl SceneArrays {
             arrays.materials.push(material_record(&DEFAULT_MATERIAL));
         }
         arrays
+    }
+
+    /// The proxies with `materials`, as points show them.
+    pub fn proxy_records(&self, materials: &[MaterialRecord]) -> Vec<ProxyRecord> {
+        let record = |(proxy, asset): (&Proxy, &AssetRecord)| {
+            let slots = self.material_slots.get(asset.material_base as usize..);
+            proxy_record(proxy, slots.unwrap_or(&[]), materials)
+        };
+        self.proxies.iter().zip(&self.assets).map(record).collect()
     }
 
     /// A page table with nothing installed.
@@ -147,7 +161,7 @@ fn instance_record(instance: &Instance, center_in_object: DVec3) -> InstanceReco
         linear_y: column(1),
         spare_0: 0,
         linear_z: column(2),
-        spare_1: 0,
+        proxy: instance.asset,
     }
 }
 
@@ -232,7 +246,7 @@ fn material_record(material: &Material) -> MaterialRecord {
         metallic: material.metallic,
         roughness: material.roughness,
         mask_cutoffs: NO_MASK_CUTOFFS,
-        spare: 0,
+        mean_texel: WHITE_TEXEL,
     }
 }
 

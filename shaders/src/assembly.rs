@@ -11,6 +11,7 @@ const SHARED: &[(&str, &str)] = &[
         include_str!("../wgsl/shared/error_metric.wgsl"),
     ),
     ("refine", include_str!("../wgsl/shared/refine.wgsl")),
+    ("proxy", include_str!("../wgsl/shared/proxy.wgsl")),
     ("snap", include_str!("../wgsl/shared/snap.wgsl")),
     (
         "raster_choice",

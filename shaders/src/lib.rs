@@ -16,6 +16,7 @@ pub mod arrays;
 mod assembly;
 pub mod cpu;
 pub mod passes;
+pub mod proxies;
 pub mod scene_rows;
 pub mod types;
 

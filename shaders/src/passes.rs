@@ -162,6 +162,7 @@ pub const CULL_INSTANCES: Pass = pass(
         read("hzb"),
         write("counters"),
         write("node_queues"),
+        write("clusters"),
     ],
     PoolAccess::None,
 );
@@ -246,6 +247,19 @@ pub const RASTER_COMPUTE: Pass = pass(
     &["raster_compute"],
     RASTER_BINDINGS,
     PoolAccess::Read,
+);
+/// Points to the visbuffer, a thread a point.
+pub const RASTER_POINTS: Pass = pass(
+    "raster_points",
+    include_str!("../wgsl/raster_points.wgsl"),
+    &["raster_points"],
+    &[
+        uniform("view"),
+        read("clusters"),
+        write("counters"),
+        write("visbuffer"),
+    ],
+    PoolAccess::None,
 );
 /// `raster` for scenes with masked materials: the fragment looks up alpha.
 pub const RASTER_MASKED: Pass = pass(
@@ -336,7 +350,7 @@ pub const PRESENT: Pass = pass(
 );
 
 /// Every pass in frame order.
-pub const ALL: [Pass; 20] = [
+pub const ALL: [Pass; 21] = [
     RESTORE,
     RESTORE_NORMALS,
     TRANSCODE,
@@ -350,6 +364,7 @@ pub const ALL: [Pass; 20] = [
     PREPARE_RASTER,
     RASTER,
     RASTER_COMPUTE,
+    RASTER_POINTS,
     RASTER_MASKED,
     RASTER_OVERDRAW,
     BUILD_HZB,

@@ -33,6 +33,8 @@ pub struct FirstRows {
     pub materials: u32,
     /// Texture records.
     pub textures: u32,
+    /// Proxies.
+    pub proxies: u32,
 }
 
 impl SceneRows {
@@ -51,6 +53,7 @@ impl SceneRows {
             slots: rows.append(&arrays.material_slots),
             materials: rows.append(materials),
             textures: rows.append(textures),
+            proxies: rows.append(&arrays.proxy_records(materials)),
         };
         rows
     }
@@ -82,6 +85,7 @@ impl View {
             slot_row: first.slots,
             material_row: first.materials,
             texture_row: first.textures,
+            proxy_row: first.proxies,
             ..self
         }
     }

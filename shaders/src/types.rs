@@ -5,6 +5,11 @@ use bytemuck::{Pod, Zeroable};
 
 /// Entry of the page table for a page that culling must not use.
 pub const NOT_INSTALLED: u32 = u32::MAX;
+/// [`MaterialRecord::mean_texel`] of a material without a texture.
+pub const WHITE_TEXEL: u32 = u32::MAX;
+/// Of [`ClusterItem::page`]: the item is a point, and the other bits are its pixel. Its `cluster` is
+/// its colour, `page_word` the bits of its depth.
+pub const POINT_FLAG: u32 = 1 << 31;
 /// [`MaterialRecord::texture`] of a material without a base-colour texture.
 pub const NO_TEXTURE: u32 = u32::MAX;
 /// [`MaterialRecord::mask_cutoffs`] of a material without a table.
@@ -63,6 +68,10 @@ pub struct View {
     pub material_row: u32,
     /// First row of the texture records.
     pub texture_row: u32,
+    /// First row of the proxies.
+    pub proxy_row: u32,
+    /// Zero.
+    pub spare: [u32; 3],
 }
 
 /// Bits of [`View::flags`].
@@ -132,8 +141,8 @@ pub struct InstanceRecord {
     pub spare_0: u32,
     /// Third column.
     pub linear_z: [f32; 3],
-    /// Zero.
-    pub spare_1: u32,
+    /// Index of its proxy.
+    pub proxy: u32,
 }
 
 /// Where an asset's arrays begin in the scene's.
@@ -259,6 +268,8 @@ pub struct Counters {
     pub draws: u32,
     /// Clusters of the first of them.
     pub early_count: u32,
+    /// Instances drawn as points.
+    pub point_count: u32,
 }
 
 /// Arguments of the indirect commands, in this order in one buffer.
@@ -280,6 +291,27 @@ pub struct IndirectArgs {
     pub compute: [u32; 3],
     /// Clusters of the dispatch.
     pub compute_count: u32,
+}
+
+/// Mean look of an asset with its materials: what a point shows.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct ProxyRecord {
+    /// Covered area along x, y and z, square metres.
+    pub areas_m2: [f32; 3],
+    /// 0 where areas add up as those of a sphere, 1 as those of a box.
+    pub boxiness: f32,
+    /// From +x, -x, +y, -y, +z, -z.
+    pub sides: [ProxySideRecord; 6],
+}
+
+/// Mean look from one side, packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct ProxySideRecord {
+    /// Base colour r, g, b, then emissive r, g, b in parts of 16: halves of a word each, low half
+    /// first. Then the normal x, y, z, a byte each, metallic and roughness, four bits each.
+    pub words: [u32; 4],
 }
 
 /// One page to transcode.
@@ -324,8 +356,8 @@ pub struct MaterialRecord {
     pub roughness: f32,
     /// First word of its table of cutoffs in the texel buffer, or [`NO_MASK_CUTOFFS`].
     pub mask_cutoffs: u32,
-    /// Zero.
-    pub spare: u32,
+    /// Mean of the texture, sRGB bytes; the alpha is the share that the cutoff leaves.
+    pub mean_texel: u32,
 }
 
 /// Bits of [`MaterialRecord::flags`].

@@ -55,7 +55,9 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             part_row,
             slot_row,
             material_row,
-            texture_row
+            texture_row,
+            proxy_row,
+            spare
         }),
         layout!(InstanceRecord {
             translation_high,
@@ -67,7 +69,7 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             linear_y,
             spare_0,
             linear_z,
-            spare_1
+            proxy
         }),
         layout!(AssetRecord {
             node_base,
@@ -143,7 +145,8 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             hardware_drawn,
             compute_drawn,
             draws,
-            early_count
+            early_count,
+            point_count
         }),
         layout!(IndirectArgs {
             nodes,
@@ -173,7 +176,7 @@ fn rust_structs() -> BTreeMap<&'static str, Layout> {
             metallic,
             roughness,
             mask_cutoffs,
-            spare
+            mean_texel
         }),
         layout!(TextureRecord {
             first_word,

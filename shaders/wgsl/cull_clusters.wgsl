@@ -70,7 +70,8 @@ fn cull_clusters(
     }
     atomicAdd(&counters.triangles_drawn, cluster_triangle_count(cluster));
     let place = atomicAdd(&counters.visible_count, 1u);
-    if place >= view.cluster_capacity {
+    // Points lie at the end.
+    if place >= view.cluster_capacity - min(atomicLoad(&counters.point_count), view.cluster_capacity) {
         return;
     }
     clusters[view.cluster_capacity + place] = item;

@@ -1,9 +1,11 @@
-// Instances in the frustum to root nodes, a thread an instance.
+// Instances in the frustum to root nodes, or to points where they are too small, a thread an
+// instance.
 #import view
 #import scene
 #import node_queues
 #import occlusion
 #import hzb
+#import proxy
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<uniform> occluder: View;
@@ -12,6 +14,15 @@
 @group(0) @binding(4) var<storage, read> hzb: array<u32>;
 @group(0) @binding(5) var<storage, read_write> counters: Counters;
 @group(0) @binding(6) var<storage, read_write> node_queues: array<NodeItem>;
+@group(0) @binding(7) var<storage, read_write> clusters: array<ClusterItem>;
+
+// Points lie at the end of the visible items, last first.
+fn append_point(item: ClusterItem) {
+    let place = atomicAdd(&counters.point_count, 1u);
+    if place < view.cluster_capacity {
+        clusters[2u * view.cluster_capacity - 1u - place] = item;
+    }
+}
 
 @compute @workgroup_size(64)
 fn cull_instances(
@@ -25,6 +36,13 @@ fn cull_instances(
     let instance = instances[index];
     let asset = load_asset(instance.asset);
     if !is_reference(view) && !aabb_in_frustum(instance, view, asset.aabb_min, asset.aabb_max, NODE_SLACK) {
+        return;
+    }
+    if draws_as_point(instance, asset) {
+        let point = point_of(index, instance, asset);
+        if point.drawn {
+            append_point(point.item);
+        }
         return;
     }
     var root = NodeItem(index, 0u);

@@ -56,7 +56,8 @@ fn prepare_clusters() {
 // The visible clusters since the last call.
 @compute @workgroup_size(1)
 fn prepare_raster() {
-    counters.drawn_count = min(atomicLoad(&counters.visible_count), view.cluster_capacity);
+    let points = min(atomicLoad(&counters.point_count), view.cluster_capacity);
+    counters.drawn_count = min(atomicLoad(&counters.visible_count), view.cluster_capacity - points);
     if counters.draws == 0u {
         counters.early_count = counters.drawn_count;
     }

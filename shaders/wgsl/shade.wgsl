@@ -20,6 +20,9 @@
 @group(0) @binding(6) var<storage, read_write> color: array<u32>;
 @group(0) @binding(7) var<storage, read_write> counters: Counters;
 
+// Of `ClusterItem.page`, as in `proxy`.
+const POINT_FLAG: u32 = 0x80000000u;
+
 // ShadeMode of types.rs.
 const MODE_SHADED: u32 = 0u;
 const MODE_TRIANGLES: u32 = 1u;
@@ -53,7 +56,11 @@ fn note_rounding(word: vec2<u32>, pixel: vec2<u32>) {
     if word.y == 0u {
         return;
     }
-    let instance = instances[visible_item(word.x >> TRIANGLE_BITS).instance];
+    let item = visible_item(word.x >> TRIANGLE_BITS);
+    if is_point(item) {
+        return;
+    }
+    let instance = instances[item.instance];
     let moved = ROUNDING_STEPS * load_asset(instance.asset).position_step * instance.max_scale;
     let depth = view.near_metres / bitcast<f32>(word.y);
     // Of the pixel's ray, as in `error_metric`.
@@ -76,6 +83,10 @@ fn pixel_color(index: u32, pixel: vec2<u32>) -> u32 {
     }
     if view.shade_mode == MODE_DEPTH {
         return depth_color(bitcast<f32>(word.y));
+    }
+    let item = visible_item(word.x >> TRIANGLE_BITS);
+    if is_point(item) {
+        return point_color(item);
     }
     let surface = load_surface(word.x, pixel);
     switch view.shade_mode {
@@ -111,6 +122,24 @@ fn pixel_color(index: u32, pixel: vec2<u32>) -> u32 {
         }
         default: {
             return shaded_color(surface);
+        }
+    }
+}
+
+fn is_point(item: ClusterItem) -> bool {
+    return (item.page & POINT_FLAG) != 0u;
+}
+
+fn point_color(item: ClusterItem) -> u32 {
+    switch view.shade_mode {
+        case MODE_SHADED: {
+            return item.cluster;
+        }
+        case MODE_INSTANCES: {
+            return hash_color(item.instance);
+        }
+        default: {
+            return POINT_COLOR;
         }
     }
 }

@@ -85,7 +85,8 @@ impl Capacities {
     /// binds, or the reason why there is none.
     /// Returns `self` where everything fitted.
     pub fn grown(self, gpu: &Gpu, counters: &Counters) -> Result<Self, GpuError> {
-        let clusters = counters.candidate_count.max(counters.visible_count);
+        let visible = counters.visible_count.saturating_add(counters.point_count);
+        let clusters = counters.candidate_count.max(visible);
         let double = |capacity: u32, wanted: u32, most: u64, name: &str| {
             let mut grown = capacity as u64;
             while grown < wanted as u64 {

@@ -5,7 +5,7 @@ use lodestream_shaders::SceneArrays;
 use super::buffers::Buffers;
 use super::error::GpuError;
 use super::occlusion::Steps;
-use super::passes::{BuildHzb, Cull, Parts, Raster, Requests, Shade};
+use super::passes::{BuildHzb, Cull, Parts, Points, Raster, Requests, Shade};
 use super::recorder::Recorder;
 
 /// How much of a frame is wanted.
@@ -37,6 +37,7 @@ pub struct Passes {
 
 #[derive(Debug)]
 struct Picture {
+    points: Option<Points>,
     raster: Raster,
     shade: Shade,
 }
@@ -53,6 +54,7 @@ impl Passes {
     ) -> Result<Self, GpuError> {
         let picture = match draws {
             true => Some(Picture {
+                points: Points::new(parts, arrays.instances.len() as u32)?,
                 raster: Raster::new(parts, arrays, overdraw, by_compute)?,
                 shade: Shade::new(parts)?,
             }),
@@ -81,6 +83,14 @@ impl Passes {
     pub fn record_picture(&self, recorder: &mut Recorder<'_>) {
         if let Some(picture) = &self.picture {
             picture.raster.record(recorder);
+        }
+    }
+
+    /// Draws the instances below a pixel.
+    fn record_points(&self, recorder: &mut Recorder<'_>) {
+        let points = self.picture.as_ref().and_then(|it| it.points.as_ref());
+        if let Some(points) = points {
+            points.record(recorder);
         }
     }
 
@@ -136,6 +146,7 @@ pub fn record(
     if work.draws() {
         passes.clear_picture(&mut recorder.encoder, buffers);
         passes.cull.record_clusters(recorder);
+        passes.record_points(recorder);
         passes.record_picture(recorder);
         passes.record_occlusion(recorder, steps);
     }

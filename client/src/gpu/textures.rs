@@ -2,7 +2,9 @@
 
 use lodestream_format::scene::Texture;
 use lodestream_shaders::cpu::Mips;
-use lodestream_shaders::cpu::mask_cutoffs::{has_mask_cutoffs, mask_cutoffs, place_tables};
+use lodestream_shaders::cpu::mask_cutoffs::{
+    has_mask_cutoffs, mask_cutoffs, mean_texel, place_tables,
+};
 use lodestream_shaders::cpu::texture::{Layout, mip_words};
 use lodestream_shaders::types::{MaterialRecord, NO_MASK_CUTOFFS};
 
@@ -98,6 +100,10 @@ impl TextureUpload {
             Ok(mips) => {
                 self.write(index, 0, &mips.words)?;
                 self.write_cutoffs(index, &mips);
+                let uses_it = |it: &&mut MaterialRecord| it.texture as usize == index;
+                for material in self.materials.iter_mut().filter(uses_it) {
+                    material.mean_texel = mean_texel(&mips, material);
+                }
                 Ok(())
             }
             Err(reason) => self.put_white(index, &reason),

@@ -335,6 +335,7 @@ fn finish(
         levels: 1,
         pack: ContentHash::of(&frames.concat()),
         hierarchy: ContentHash::of(&hierarchy_bytes),
+        proxy: Default::default(),
         root_page_count: last_root + spare,
         pages: entries,
     };

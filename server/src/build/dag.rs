@@ -5,6 +5,7 @@ use lodestream_format::bounds::round_up;
 use lodestream_format::cluster::NO_GROUP;
 use lodestream_format::hierarchy::ROOT_ERROR;
 use lodestream_format::limits::MAX_LEVELS;
+use lodestream_format::proxy::Proxy;
 use rayon::prelude::*;
 
 use super::borders::{Borders, ChunkBounds};
@@ -15,12 +16,18 @@ use super::error::BuildError;
 use super::neighbours::FixedPlaces;
 use super::packed::{Packed, unpack, unpack_shape};
 use super::partition::{self, LARGE_GROUP_CLUSTERS, USUAL_GROUP_CLUSTERS, chunks};
+use super::proxy;
 use super::simplify::{Job, Placement, Workspace};
 use super::store::Store;
 use super::vertex::Grids;
 
 /// A round that leaves more of the triangles than this made no headway.
 const NO_HEADWAY: f64 = 0.95;
+/// Triangles of the coarsest cut: levels go on below one cluster, so that a far instance of a few
+/// pixels costs as many triangles.
+const COARSEST_TRIANGLES: u64 = 16;
+/// Clusters read at a time where the look of a cut is measured.
+const PROXY_CHUNK: usize = 256;
 /// A group whose error is more than this times its budget waits for a larger one.
 const MOST_OVER: f64 = 3.0;
 
@@ -94,16 +101,27 @@ impl Dag {
         Ok(first)
     }
 
-    /// Adds levels over the leaves until one cluster is left or nothing gets further. The same leaves give the same DAG,
-    /// whatever the thread count.
-    pub fn grow(&mut self, plan: Plan) -> Result<(), BuildError> {
+    /// Adds levels over the leaves until one small cluster is left or nothing gets further. The same leaves give the same DAG,
+    /// whatever the thread count. Returns the look of the first cut that is coarse enough for it.
+    pub fn grow(&mut self, plan: Plan) -> Result<Proxy, BuildError> {
         let mut pool: Vec<u32> = (0..self.clusters.len() as u32).collect();
         let mut effort = Effort::Usual;
         let mut round = 0;
         let mut budgets = Budgets::of(self, plan, &pool)?;
-        while pool.len() > 1 {
+        let mut look: Option<Proxy> = None;
+        while pool.len() > 1 || self.triangles_of(&pool) > COARSEST_TRIANGLES {
             let before = self.triangles_of(&pool);
+            if before <= proxy::MOST_TRIANGLES && look.is_none() {
+                look = Some(self.proxy(plan, &pool)?);
+            }
+            let first_group = self.groups.len();
             pool = self.round(plan, &pool, round, effort, budgets.metres())?;
+            if let Some(look) = &look {
+                let cover_metres = proxy::cover_metres(look, &self.proxy(plan, &pool)?);
+                for group in &mut self.groups[first_group..] {
+                    group.parent_error_metres = group.parent_error_metres.max(cover_metres);
+                }
+            }
             round += 1;
             let left = self.triangles_of(&pool) as f64 / before as f64;
             if budgets.is_limited() {
@@ -117,12 +135,26 @@ impl Dag {
                 effort = Effort::LargeGroups;
             }
         }
+        let look = match look {
+            Some(look) => look,
+            None => self.proxy(plan, &pool)?,
+        };
         self.add_roots(plan, &pool, round)?;
         for group in &mut self.groups {
             let error_metres = &mut group.parent_error_metres;
             *error_metres = bounds::with_rounding(*error_metres, plan.grids);
         }
-        Ok(())
+        Ok(look)
+    }
+
+    fn proxy(&self, plan: Plan, pool: &[u32]) -> Result<Proxy, BuildError> {
+        let mut triangles = Vec::new();
+        for some in pool.chunks(PROXY_CHUNK) {
+            for part in self.parts(some)? {
+                triangles.extend(proxy::triangles(plan.grids, ClusterView::new(&part)));
+            }
+        }
+        Ok(proxy::measure(&triangles))
     }
 
     fn triangles_of(&self, pool: &[u32]) -> u64 {

@@ -6,6 +6,7 @@ use std::path::Path;
 use lodestream_format::asset::PageEntry;
 use lodestream_format::disk_form::Parent;
 use lodestream_format::frame::{self, Codec};
+use lodestream_format::proxy::Proxy;
 use lodestream_format::{Aabb, Asset, Cluster, ContentHash, Hierarchy, disk_form};
 use rayon::prelude::*;
 
@@ -32,11 +33,12 @@ pub(super) struct Encoded {
 }
 
 /// What the asset says that its pages do not.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Facts {
     pub material_slots: u32,
     /// Triangles of level 0.
     pub source_triangles: u64,
+    pub proxy: Proxy,
 }
 
 /// Encodes pages and hierarchy, and lets go of the clusters on the way; the pack lies in `scratch` where a folder is given. Fails only where what was built breaks
@@ -103,6 +105,7 @@ pub(super) fn encode(
         levels: infos.map(|info| info.level as u32 + 1).max().unwrap_or(1),
         pack: pack_hash,
         hierarchy: ContentHash::of(&hierarchy_bytes),
+        proxy: facts.proxy,
         root_page_count: pages.root_page_count,
         pages: entries,
     };

@@ -33,6 +33,7 @@ mod packed;
 mod paginate;
 mod parents;
 mod partition;
+mod proxy;
 mod report;
 mod scatter;
 mod shape;
@@ -170,7 +171,7 @@ pub fn build_at(
         fixed: &fixed,
         on_triangles: site.on_triangles,
     };
-    dag.grow(plan)?;
+    let proxy = dag.grow(plan)?;
     let build = start.elapsed();
 
     let pages = paginate::paginate(&grids, &dag)?;
@@ -178,6 +179,7 @@ pub fn build_at(
     let facts = encode::Facts {
         material_slots,
         source_triangles,
+        proxy,
     };
     let encoded = encode::encode(
         &grids,

@@ -180,6 +180,7 @@ mod tests {
             levels: 1,
             pack: ContentHash([1; 32]),
             hierarchy: ContentHash([2; 32]),
+            proxy: Default::default(),
             root_page_count: 1,
             pages: vec![page],
         }

@@ -72,6 +72,7 @@ pub async fn asset(library: &Library, seed: u64, pages: u32, page_bytes: usize) 
         levels: 3,
         pack: put(library, pack.clone()).await,
         hierarchy: put(library, hierarchy.clone()).await,
+        proxy: Default::default(),
         root_page_count: 2.min(pages),
         pages: entries,
     };

@@ -6,6 +6,7 @@ use lodestream_format::memory_form::ClusterHeader;
 
 use super::append;
 use super::error_metric::refine;
+use super::prepare::visible_room;
 use super::view::{CLUSTER_SLACK, aabb_in_frustum};
 use super::visit::CullInput;
 use crate::arrays::SceneArrays;
@@ -61,12 +62,8 @@ pub fn cull_clusters(
         counters.triangles_drawn = counters
             .triangles_drawn
             .wrapping_add(header.triangle_count());
-        append(
-            visible,
-            item,
-            &mut counters.visible_count,
-            view.cluster_capacity,
-        );
+        let room = visible_room(view, counters);
+        append(visible, item, &mut counters.visible_count, room);
     }
 }
 

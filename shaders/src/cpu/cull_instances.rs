@@ -1,16 +1,29 @@
 //! Twin of `wgsl/cull_instances.wgsl`.
 
+use super::append;
+use super::proxy::{draws_as_point, point_of};
 use super::view::{NODE_SLACK, aabb_in_frustum};
 use super::visit::{CullInput, CullOutput, HIDDEN_FLAG, WHOLE_INSTANCE};
 use crate::types::NodeItem;
 
-/// Appends the root node of every instance in the frustum; the early pass rejects hidden ones.
+/// Appends the root node of every instance in the frustum, or its point where it is too small; the
+/// early pass rejects hidden ones.
 pub fn cull_instances(input: &CullInput<'_>, output: &mut CullOutput) {
     let (arrays, view) = (input.arrays, input.view);
+    let proxies = arrays.proxy_records(&arrays.materials);
     for (index, instance) in (0..).zip(&arrays.instances) {
         let asset = &arrays.assets[instance.asset as usize];
         let (low, high) = (asset.aabb_min, asset.aabb_max);
         if !view.is_reference() && !aabb_in_frustum(instance, view, low, high, NODE_SLACK) {
+            continue;
+        }
+        if draws_as_point(view, instance, asset) {
+            let proxy = proxies.get(instance.proxy as usize).copied();
+            let proxy = proxy.unwrap_or_default();
+            if let Some(point) = point_of(view, index, instance, asset, &proxy) {
+                let count = &mut output.counters.point_count;
+                append(&mut output.points, point, count, view.cluster_capacity);
+            }
             continue;
         }
         let item = |node| NodeItem {

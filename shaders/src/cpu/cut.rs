@@ -15,6 +15,8 @@ use crate::types::{ClusterItem, Counters, IndirectArgs, RequestRecord, View};
 pub struct Culled {
     /// Clusters to draw, instance by instance in the hierarchy's order (the GPU's order is any).
     pub visible: Vec<ClusterItem>,
+    /// Instances below a pixel, in the order of the instances.
+    pub points: Vec<ClusterItem>,
     /// Clusters that `cull_clusters` looked at.
     pub candidates: Vec<ClusterItem>,
     /// Pages wanted, installed or not, by page number. The pixel error that is shown is the largest
@@ -118,6 +120,7 @@ impl Frame {
     pub fn into_culled(self, view: &View) -> Culled {
         let mut culled = Culled {
             visible: self.visible,
+            points: self.output.points,
             candidates: self.output.candidates,
             requests: Vec::new(),
             counters: self.output.counters,

@@ -8,6 +8,7 @@ use super::cull_clusters::{cluster_in_frustum, in_cut};
 use super::error_metric::{
     add_request, error_wanted, group_installed, group_projected_px, priority_units, request_bits,
 };
+use super::proxy::draws_as_point;
 use super::view::{GROUP_SLACK, aabb_in_frustum};
 use crate::arrays::SceneArrays;
 use crate::types::{ClusterItem, RequestRecord, View};
@@ -22,6 +23,9 @@ pub fn cut_brute(
     let mut visible = Vec::new();
     for (index, instance) in arrays.instances.iter().enumerate() {
         let asset = &arrays.assets[instance.asset as usize];
+        if draws_as_point(view, instance, asset) {
+            continue;
+        }
         for group in groups_of(arrays, instance.asset) {
             if !group_installed(page_table, group, asset.page_base) {
                 continue;
@@ -61,6 +65,9 @@ pub fn requests_brute(
     let mut priorities = vec![[0u32; 3]; arrays.page_count as usize];
     for instance in &arrays.instances {
         let asset = &arrays.assets[instance.asset as usize];
+        if draws_as_point(view, instance, asset) {
+            continue;
+        }
         for (number, group) in groups_of(arrays, instance.asset).iter().enumerate() {
             let aabb = &group_aabbs[asset.group_base as usize + number];
             let seen = view.is_reference()

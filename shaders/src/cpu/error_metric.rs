@@ -151,7 +151,7 @@ mod tests {
             linear_y: [linear[3], linear[4], linear[5]],
             spare_0: 0,
             linear_z: [linear[6], linear[7], linear[8]],
-            spare_1: 0,
+            proxy: 0,
         }
     }
 

@@ -7,6 +7,9 @@ pub const EMPTY_COLOR: u32 = 0xff1c_1818;
 /// Drawn by the hardware rasterizer.
 pub const HARDWARE_COLOR: u32 = 0xff3c_8ce6;
 /// Drawn by the compute rasterizer.
+/// Instances below a pixel.
+pub const POINT_COLOR: u32 = 0xff9b_d25a;
+/// Drawn by the compute rasterizer.
 pub const COMPUTE_COLOR: u32 = 0xffb4_783c;
 
 fn opaque([red, green, blue]: [u32; 3]) -> u32 {

@@ -15,7 +15,7 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::sample_texture::mask_alpha;
-use super::texture::Textures;
+use super::texture::{Mips, Textures};
 use crate::types::{MaterialRecord, NO_MASK_CUTOFFS, NO_TEXTURE, TextureRecord, material_flag};
 
 /// Share of full alpha by which a fragment may lie below the cutoff and still be kept: alpha is the
@@ -65,6 +65,20 @@ impl AlphaCounts {
         let passing = self.0.iter().enumerate().filter(passes);
         passing.map(|(_, &count)| count).sum::<u64>() as f64 / self.texels().max(1) as f64
     }
+}
+
+/// The mean of a texture for `material`, as [`MaterialRecord::mean_texel`] has it. `mips` ends with
+/// the mip of one texel.
+pub fn mean_texel(mips: &Mips, material: &MaterialRecord) -> u32 {
+    let mean = mips.words.last().copied().unwrap_or(u32::MAX);
+    let share = match has_mask_cutoffs(material) {
+        true => mips
+            .alpha_counts
+            .share(material.alpha_cutoff / material.base_color[3]),
+        false => 1.0,
+    };
+    let [red, green, blue, _] = mean.to_le_bytes();
+    u32::from_le_bytes([red, green, blue, (share * 255.0).round() as u8])
 }
 
 /// Whether the material cuts by the alpha of its texture.

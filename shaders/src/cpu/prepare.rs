@@ -39,7 +39,7 @@ pub fn prepare_clusters(view: &View, counters: &mut Counters, args: &mut Indirec
 
 /// Arguments of `raster` and `raster_compute`: the visible clusters since the last call.
 pub fn prepare_raster(view: &View, counters: &mut Counters, args: &mut IndirectArgs) {
-    counters.drawn_count = counters.visible_count.min(view.cluster_capacity);
+    counters.drawn_count = visible_room(view, counters).min(counters.visible_count);
     if counters.draws == 0 {
         counters.early_count = counters.drawn_count;
     }
@@ -50,4 +50,9 @@ pub fn prepare_raster(view: &View, counters: &mut Counters, args: &mut IndirectA
     args.first_compute = std::mem::replace(&mut counters.compute_drawn, counters.compute_count);
     args.compute_count = counters.compute_drawn - args.first_compute;
     args.compute = workgroups(args.compute_count, 1);
+}
+
+/// Visible clusters that fit before the points.
+pub fn visible_room(view: &View, counters: &Counters) -> u32 {
+    view.cluster_capacity - counters.point_count.min(view.cluster_capacity)
 }

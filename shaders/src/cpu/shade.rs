@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::false_color::{
-    COMPUTE_COLOR, EMPTY_COLOR, HARDWARE_COLOR, hash_color, level_color, ramp_color,
+    COMPUTE_COLOR, EMPTY_COLOR, HARDWARE_COLOR, POINT_COLOR, hash_color, level_color, ramp_color,
 };
 use super::fetch_vertex::VisibleCluster;
 use super::hash::hash;
@@ -14,7 +14,7 @@ use super::srgb::{pack_color, srgb_from_linear};
 use super::surface::Surface;
 use super::texture::Textures;
 use crate::SceneArrays;
-use crate::types::{ClusterItem, ShadeMode, TRIANGLE_BITS, View, material_flag};
+use crate::types::{ClusterItem, POINT_FLAG, ShadeMode, TRIANGLE_BITS, View, material_flag};
 
 /// A colour a pixel: sRGB bytes, RGBA from the low byte. `view.shade_mode` chooses the picture; `fragment_counts` is read
 /// in the overdraw picture alone and may be empty in others.
@@ -45,8 +45,11 @@ pub fn shade(
                 return depth_color(f32::from_bits(depth_bits));
             }
             let (id, pixel) = (word as u32, [(index % width) as u32, row]);
-            let surface = visible
-                .get((id >> TRIANGLE_BITS) as usize)
+            let item = visible.get((id >> TRIANGLE_BITS) as usize);
+            if let Some(point) = item.filter(|item| is_point(item)) {
+                return point_color(view, point);
+            }
+            let surface = item
                 .and_then(|&item| VisibleCluster::new(item, arrays, pool))
                 .and_then(|visible| {
                     let triangle = id & ((1 << TRIANGLE_BITS) - 1);
@@ -75,7 +78,7 @@ pub fn rounding_px(
     let rounding_of = |(index, &word): (usize, &u64)| {
         let depth_bits = (word >> 32) as u32;
         let item = visible.get((word as u32 >> TRIANGLE_BITS) as usize)?;
-        if depth_bits == 0 {
+        if depth_bits == 0 || is_point(item) {
             return None;
         }
         let instance = &arrays.instances[item.instance as usize];
@@ -125,6 +128,20 @@ fn surface_color(arrays: &SceneArrays, view: &View, surface: &Surface<'_>) -> u3
         MATERIALS => hash_color(surface.material_index),
         INSTANCES => hash_color(surface.visible.item.instance),
         _ => shaded_color(surface),
+    }
+}
+
+fn is_point(item: &ClusterItem) -> bool {
+    item.page & POINT_FLAG != 0
+}
+
+fn point_color(view: &View, point: &ClusterItem) -> u32 {
+    const SHADED: u32 = ShadeMode::Shaded as u32;
+    const INSTANCES: u32 = ShadeMode::Instances as u32;
+    match view.shade_mode {
+        SHADED => point.cluster,
+        INSTANCES => hash_color(point.instance),
+        _ => POINT_COLOR,
     }
 }
 

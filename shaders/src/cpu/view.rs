@@ -215,6 +215,8 @@ impl Camera {
             slot_row: 0,
             material_row: 0,
             texture_row: 0,
+            proxy_row: 0,
+            spare: [0; 3],
         }
     }
 }

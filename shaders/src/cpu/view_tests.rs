@@ -144,7 +144,7 @@ proptest! {
             translation_high, asset: 0, translation_low, max_scale: 9.0,
             linear_x: [linear[0], linear[1], linear[2]], mirrored: 0,
             linear_y: [linear[3], linear[4], linear[5]], spare_0: 0,
-            linear_z: [linear[6], linear[7], linear[8]], spare_1: 0,
+            linear_z: [linear[6], linear[7], linear[8]], proxy: 0,
         };
         let camera = camera(far + eye, far, DVec3::Y);
         prop_assume!(camera.check().is_ok());

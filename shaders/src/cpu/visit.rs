@@ -41,6 +41,8 @@ pub struct CullOutput {
     pub node_queue_out: Vec<NodeItem>,
     /// Instances and children that the early pass rejected.
     pub rejected_nodes: Vec<NodeItem>,
+    /// Instances below a pixel.
+    pub points: Vec<ClusterItem>,
     /// Clusters of the groups that may refine.
     pub candidates: Vec<ClusterItem>,
     /// Requests for each page of the scene.

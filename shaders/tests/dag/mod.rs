@@ -309,6 +309,7 @@ fn asset(
         levels: 0,
         pack: hash,
         hierarchy: hash,
+        proxy: Default::default(),
         root_page_count,
         pages: entries.collect(),
     }

@@ -117,7 +117,7 @@ pub const WHITE: MaterialRecord = MaterialRecord {
     metallic: 0.0,
     roughness: 1.0,
     mask_cutoffs: NO_MASK_CUTOFFS,
-    spare: 0,
+    mean_texel: u32::MAX,
 };
 
 pub fn camera(eye: DVec3, target: DVec3) -> Camera {
@@ -146,7 +146,7 @@ pub fn instance(linear: Mat3, translation: DVec3) -> InstanceRecord {
         linear_y: linear.y_axis.into(),
         spare_0: 0,
         linear_z: linear.z_axis.into(),
-        spare_1: 0,
+        proxy: 0,
     }
 }
 

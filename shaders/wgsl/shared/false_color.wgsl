@@ -68,3 +68,5 @@ const EMPTY_COLOR: u32 = 0xff1c1818u;
 // Drawn by the hardware rasterizer.
 const HARDWARE_COLOR: u32 = 0xff3c8ce6u;
 const COMPUTE_COLOR: u32 = 0xffb4783cu;
+// Instances below a pixel.
+const POINT_COLOR: u32 = 0xff9bd25au;

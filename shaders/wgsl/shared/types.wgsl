@@ -25,6 +25,10 @@ struct View {
     slot_row: u32,
     material_row: u32,
     texture_row: u32,
+    proxy_row: u32,
+    spare_0: u32,
+    spare_1: u32,
+    spare_2: u32,
 }
 
 struct InstanceRecord {
@@ -37,7 +41,7 @@ struct InstanceRecord {
     linear_y: vec3<f32>,
     spare_0: u32,
     linear_z: vec3<f32>,
-    spare_1: u32,
+    proxy: u32,
 }
 
 struct AssetRecord {
@@ -126,6 +130,7 @@ struct Counters {
     compute_drawn: u32,
     draws: u32,
     early_count: u32,
+    point_count: atomic<u32>,
 }
 
 struct IndirectArgs {
@@ -167,7 +172,7 @@ struct MaterialRecord {
     metallic: f32,
     roughness: f32,
     mask_cutoffs: u32,
-    spare: u32,
+    mean_texel: u32,
 }
 
 struct TextureRecord {

@@ -2,6 +2,7 @@
 
 mod cull;
 mod hzb;
+mod points;
 mod present;
 mod raster;
 mod requests;
@@ -10,6 +11,7 @@ mod transcode;
 
 pub use cull::Cull;
 pub use hzb::BuildHzb;
+pub use points::Points;
 pub use present::Present;
 pub use raster::Raster;
 pub use requests::Requests;
