@@ -16,7 +16,7 @@ for scene in belweder rock; do
   "$server" ingest "$out/$scene.glb" --library "$out/library" --scene "$scene" --report "$out/build-$scene.json"
   picture() { "$client" render "$out/library" --scene "$scene" --size 640x360 "$@" --quiet; }
   picture --reference --out "$out/$scene-reference.png" --depth "$out/$scene-reference.pfm"
-  for px in 0.5 1 2 4 8 16; do
+  for px in 0.25 0.5 1 2 4 8 16; do
     name=$scene@$px
     picture --pixel-error "$px" --out "$out/$name.png" --depth "$out/$name.pfm" --report "$out/draw-$name.json"
     "$loadtests" compare "$out/$name.png" "$out/$scene-reference.png" --depths "$out/$name.pfm" "$out/$scene-reference.pfm" \
@@ -25,6 +25,34 @@ for scene in belweder rock; do
   "$client" play "$out/library" --scene "$scene" --path "loadtests/samples/$scene.path.json" --trace "$out/$scene.trace" \
     --report "$out/play-$scene.json"
   "$loadtests" policies --trace "$out/$scene.trace" --pool 2,3,4,6,8 --report "$out/policies-$scene.json" --quiet
+done
+
+# A city from above and at street level, and a hundred thousand instances far away.
+"$loadtests" sample city --instances 1200 --out "$out/city.glb" >"$out/city.txt"
+"$loadtests" sample city --instances 100000 --out "$out/crowd.glb" >>"$out/city.txt"
+for scene in city crowd; do
+  "$server" ingest "$out/$scene.glb" --library "$out/library" --scene "$scene" --report "$out/build-$scene.json" --quiet
+done
+rm -f "$out/crowd.glb"
+# curve NAME SCENE OPTION...: pictures over pixel errors, against the one of the full detail.
+curve() {
+  name=$1 scene=$2
+  shift 2
+  picture() { "$client" render "$out/library" --scene "$scene" --size 640x360 "$@" --quiet; }
+  picture "$@" --reference --out "$out/$name-reference.png" --depth "$out/$name-reference.pfm"
+  for px in 0.25 0.5 1 2 4 8 16; do
+    file=$name@$px
+    picture "$@" --pixel-error "$px" --repeat 3 --out "$out/$file.png" --depth "$out/$file.pfm" --report "$out/draw-$file.json"
+    "$loadtests" compare "$out/$file.png" "$out/$name-reference.png" --depths "$out/$file.pfm" "$out/$name-reference.pfm" \
+      --report "$out/compare-$file.json"
+  done
+}
+curve above city --camera "eye=210,100,225;target=0,22,-6;fov=42"
+curve street city --camera "eye=0,2,40;target=60,6,-40;fov=60"
+# A reference of all its triangles would take minutes.
+for px in 0.5 1 2 4 8 16; do
+  "$client" render "$out/library" --scene crowd --size 640x360 --pixel-error "$px" --repeat 3 --quiet \
+    --out "$out/crowd@$px.png" --report "$out/draw-crowd@$px.json"
 done
 rm -f "$out"/*.pfm
 

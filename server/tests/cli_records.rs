@@ -431,8 +431,8 @@ fn the_builder_version_goes_with_the_bytes() {
             ContentHash::of(&built.asset_bytes).to_string().as_str()
         ),
         (
-            10,
-            "97d87313a9e3610c1933f90245ef50b6b75eb6fd0437aa9372ba3aadf82a2051"
+            11,
+            "baa3cf748a3fc4831fdea5598bc8508ec6b5628613d8f93cf50fab8be18dea63"
         ),
     );
 }

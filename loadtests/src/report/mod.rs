@@ -8,6 +8,7 @@
 mod builders;
 mod judges;
 mod pages;
+mod passes;
 mod plot;
 mod sections;
 mod sheets;

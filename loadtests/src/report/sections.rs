@@ -2,10 +2,12 @@
 
 use std::fmt::Write;
 
-use super::{Plot, Run, Runs, Series, builders, escape, judges, number, pages, sheets, stability};
+use super::{
+    Plot, Run, Runs, Series, builders, escape, judges, number, pages, passes, sheets, stability,
+};
 
 /// The sections in order.
-pub(super) const ALL: [fn(&Runs) -> String; 12] = [
+pub(super) const ALL: [fn(&Runs) -> String; 13] = [
     pictures,
     build,
     builders::section,
@@ -14,6 +16,7 @@ pub(super) const ALL: [fn(&Runs) -> String; 12] = [
     stability::section,
     sheets::section,
     draw,
+    passes::section_of,
     stream,
     pool,
     load,
@@ -235,6 +238,8 @@ fn draw(runs: &Runs) -> String {
         &[
             ("triangles drawn", &at(&["drawn", "triangles"])),
             ("clusters", &at(&["drawn", "clusters"])),
+            ("points", &at(&["drawn", "points"])),
+            ("hidden clusters", &at(&["drawn", "hidden_clusters"])),
             ("settled s", &at(&["settled_secs"])),
             ("MB fetched", &|run| {
                 Some(number(run.number(&["bytes_fetched"])? / 1e6))

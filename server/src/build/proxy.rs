@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use lodestream_format::cluster::Attributes;
+use lodestream_format::hierarchy::ROOT_ERROR;
 use lodestream_format::octahedral;
 use lodestream_format::proxy::{MOST_SHARES, PROXY_SIDES, Proxy, ProxySide, SlotShare};
 
@@ -37,7 +38,8 @@ pub(super) fn measure(triangles: &[Triangle]) -> Proxy {
     let mut proxy = Proxy::default();
     for axis in 0..3 {
         let picture = Picture::new(triangles, AXES[axis]);
-        proxy.areas_m2[axis] = picture.area_m2() as f32;
+        // A mesh of 2^123 metres covers more than f32 holds.
+        proxy.areas_m2[axis] = picture.area_m2().min(f32::MAX.into()) as f32;
         for (side, visible) in [&picture.nearest, &picture.farthest]
             .into_iter()
             .enumerate()
@@ -53,15 +55,38 @@ pub(super) fn measure(triangles: &[Triangle]) -> Proxy {
     proxy
 }
 
-/// The error that stands for what a coarser cut covers too little or too much, metres. Where it
-/// shows a pixel, the areas differ by a sixteenth of one: so a crowd of instances of a few pixels
-/// keeps its mean cover.
+/// The error that stands for the area that a coarser cut covers too little or too much, or with
+/// another material, metres. Where it shows a pixel, the areas differ by a sixteenth of one: so a
+/// crowd of instances of a few pixels keeps its mean cover and colour.
 pub(super) fn cover_metres(source: &Proxy, coarser: &Proxy) -> f32 {
-    let differs = |axis: usize| {
-        let [source_m2, coarser_m2] = [source, coarser].map(|proxy| proxy.areas_m2[axis]);
-        ((source_m2 - coarser_m2).abs() - MEASURED_WITHIN * source_m2).max(0.0)
+    let differs = |side: usize| {
+        let slots = source.sides[side]
+            .shares
+            .iter()
+            .chain(&coarser.sides[side].shares);
+        let mut slots: Vec<u16> = slots.map(|share| share.slot).collect();
+        slots.sort_unstable();
+        slots.dedup();
+        let apart = |&slot: &u16| {
+            let [source_m2, coarser_m2] = [source, coarser].map(|it| slot_area_m2(it, side, slot));
+            (source_m2 - coarser_m2).abs()
+        };
+        let apart_m2: f32 = slots.iter().map(apart).sum();
+        apart_m2 - MEASURED_WITHIN * source.areas_m2[side / 2]
     };
-    4.0 * differs(0).max(differs(1)).max(differs(2)).sqrt()
+    let most_m2 = (0..PROXY_SIDES).map(differs).fold(0.0, f32::max);
+    // A mesh of 2^123 metres has areas past f32; its error stays below the root's.
+    (4.0 * most_m2.sqrt()).min(ROOT_ERROR / 4.0)
+}
+
+/// Visible area of a slot from a side, square metres.
+fn slot_area_m2(proxy: &Proxy, side: usize, slot: u16) -> f32 {
+    let shares = &proxy.sides[side].shares;
+    let total: f32 = shares.iter().map(|share| f32::from(share.share)).sum();
+    let own = shares.iter().find(|share| share.slot == slot);
+    own.map_or(0.0, |own| {
+        proxy.areas_m2[side / 2] * f32::from(own.share) / total
+    })
 }
 
 const AXES: [DVec3; 3] = [DVec3::X, DVec3::Y, DVec3::Z];

@@ -1,4 +1,4 @@
-//! Asset manifests (LSA1), which are the page tables.
+//! Asset manifests (LSA2), which are the page tables.
 
 use lodestream_format::Asset;
 use lodestream_format::limits::{MAX_DISK_FORM_BYTES, PAGE_WORDS};
@@ -13,7 +13,7 @@ pub fn run(data: &[u8]) {
     let mut input = Input(data);
     let message = match input.byte() {
         0 => input.0.to_vec(),
-        _ => manifest(b"LSA1", input.0),
+        _ => manifest(b"LSA2", input.0),
     };
     let Ok(asset) = Asset::decode(&message) else {
         return;

@@ -163,6 +163,7 @@ async fn fill(library: &Library) -> (Asset, Vec<u8>, [(u8, ContentHash); 3]) {
         levels: 1,
         pack: put(pack.clone()).await,
         hierarchy: put(b"hierarchy".to_vec()).await,
+        proxy: Default::default(),
         root_page_count: 1,
         pages: [(0, 100), (1, 50), (2, 106)].map(page).to_vec(),
     };

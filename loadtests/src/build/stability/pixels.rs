@@ -101,7 +101,7 @@ fn instance(at: DVec3) -> InstanceRecord {
         linear_y: [0.0, 1.0, 0.0],
         spare_0: 0,
         linear_z: [0.0, 0.0, 1.0],
-        spare_1: 0,
+        proxy: 0,
     }
 }
 
