@@ -29,6 +29,8 @@ pub struct SceneArrays {
     pub material_slots: Vec<u32>,
     /// Materials; a scene without any has one default.
     pub materials: Vec<MaterialRecord>,
+    /// Centre of each asset in object space, metres.
+    pub centers: Vec<DVec3>,
     /// Proxies of the assets.
     pub proxies: Vec<Proxy>,
     /// Pages of all assets.
@@ -44,7 +46,6 @@ impl SceneArrays {
         assets: impl Iterator<Item = (&'a Asset, &'a Hierarchy)>,
     ) -> Self {
         let mut arrays = Self::default();
-        let mut centers = Vec::new();
         for (used, (asset, hierarchy)) in scene.assets.iter().zip(assets) {
             arrays.assets.push(AssetRecord {
                 node_base: arrays.nodes.len() as u32,
@@ -69,23 +70,24 @@ impl SceneArrays {
             arrays.material_slots.extend(slots);
             arrays.page_count += asset.pages.len() as u32;
             arrays.depth = arrays.depth.max(hierarchy.depth);
-            centers.push(DVec3::from(asset.center_in_object()));
+            arrays.centers.push(DVec3::from(asset.center_in_object()));
         }
         arrays.instances = scene
             .instances
             .iter()
-            .filter_map(|instance| {
-                Some(instance_record(
-                    instance,
-                    *centers.get(instance.asset as usize)?,
-                ))
-            })
+            .filter_map(|instance| arrays.instance_record(instance))
             .collect();
         arrays.materials = scene.materials.iter().map(material_record).collect();
         if arrays.materials.is_empty() {
             arrays.materials.push(material_record(&DEFAULT_MATERIAL));
         }
         arrays
+    }
+
+    /// An instance as the GPU has it; `None` where its asset is not one of the scene's.
+    pub fn instance_record(&self, instance: &Instance) -> Option<InstanceRecord> {
+        let center_in_object = *self.centers.get(instance.asset as usize)?;
+        Some(instance_record(instance, center_in_object))
     }
 
     /// The proxies with `materials`, as points show them.

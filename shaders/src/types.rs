@@ -5,6 +5,8 @@ use bytemuck::{Pod, Zeroable};
 
 /// Entry of the page table for a page that culling must not use.
 pub const NOT_INSTALLED: u32 = u32::MAX;
+/// [`InstanceRecord::asset`] of a place without an instance, or of one that is hidden.
+pub const NO_ASSET: u32 = u32::MAX;
 /// [`MaterialRecord::mean_texel`] of a material without a texture.
 pub const WHITE_TEXEL: u32 = u32::MAX;
 /// Of [`ClusterItem::page`]: the item is a point, and the other bits are its pixel. Its `cluster` is

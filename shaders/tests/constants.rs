@@ -56,6 +56,7 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("GROUP_ROWS", size_of::<Group>() / ROW_BYTES),
         ("MATERIAL_ROWS", size_of::<MaterialRecord>() / ROW_BYTES),
         ("PROXY_ROWS", size_of::<ProxyRecord>() / ROW_BYTES),
+        ("NO_ASSET", NO_ASSET as usize),
         ("POINT_FLAG", POINT_FLAG as usize),
         ("LEAF_FLAG", LEAF_FLAG as usize),
         ("NO_CHILD", NO_CHILD as usize),

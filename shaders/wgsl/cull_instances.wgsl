@@ -16,6 +16,9 @@
 @group(0) @binding(6) var<storage, read_write> node_queues: array<NodeItem>;
 @group(0) @binding(7) var<storage, read_write> clusters: array<ClusterItem>;
 
+// Of `InstanceRecord.asset`: nothing is here, or it is hidden.
+const NO_ASSET: u32 = 0xffffffffu;
+
 // Points lie at the end of the visible items, last first.
 fn append_point(item: ClusterItem) {
     let place = atomicAdd(&counters.point_count, 1u);
@@ -34,6 +37,9 @@ fn cull_instances(
         return;
     }
     let instance = instances[index];
+    if instance.asset == NO_ASSET {
+        return;
+    }
     let asset = load_asset(instance.asset);
     if !is_reference(view) && !aabb_in_frustum(instance, view, asset.aabb_min, asset.aabb_max, NODE_SLACK) {
         return;

@@ -53,6 +53,14 @@ pub enum GpuError {
         /// The compiler's words.
         reason: String,
     },
+    /// A change of instances that the scene does not allow.
+    #[error("instances: expected {expected}, found {found}")]
+    Instance {
+        /// The places or assets that there are.
+        expected: String,
+        /// What was asked for.
+        found: String,
+    },
     /// The device stopped answering.
     #[error("graphics device: {0}")]
     Device(String),

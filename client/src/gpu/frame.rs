@@ -48,20 +48,21 @@ impl Passes {
     pub fn new(
         parts: &mut Parts<'_>,
         arrays: &SceneArrays,
+        instance_count: u32,
         draws: bool,
         overdraw: bool,
         by_compute: bool,
     ) -> Result<Self, GpuError> {
         let picture = match draws {
             true => Some(Picture {
-                points: Points::new(parts, arrays.instances.len() as u32)?,
+                points: Points::new(parts, instance_count)?,
                 raster: Raster::new(parts, arrays, overdraw, by_compute)?,
                 shade: Shade::new(parts)?,
             }),
             false => None,
         };
         Ok(Self {
-            cull: Cull::new(parts, arrays, draws)?,
+            cull: Cull::new(parts, arrays, instance_count, draws)?,
             requests: Requests::new(parts, arrays.page_count)?,
             picture,
             build_hzb: None,

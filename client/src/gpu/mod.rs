@@ -11,6 +11,7 @@ mod buffers;
 mod device;
 mod error;
 mod frame;
+mod instances;
 mod occlusion;
 mod passes;
 mod pipelines;

@@ -15,6 +15,7 @@ use super::buffers::{Buffers, Capacities};
 use super::device::Gpu;
 use super::error::GpuError;
 use super::frame::{Passes, Work, record};
+use super::instances::Instances;
 use super::occlusion::{Occlusion, Steps};
 use super::passes::{PageUpload, Parts, Present, Transcode};
 use super::pipelines::Pipelines;
@@ -28,10 +29,11 @@ use super::timestamps::Timestamps;
 pub struct Renderer {
     /// The device.
     pub gpu: Gpu,
-    arrays: Arc<SceneArrays>,
+    pub(super) arrays: Arc<SceneArrays>,
+    pub(super) instances: Instances,
     pool: Pool,
     pipelines: Pipelines,
-    buffers: Buffers,
+    pub(super) buffers: Buffers,
     /// Of frames that do not draw, and of those that do.
     passes: [Option<Passes>; 2],
     present: Option<Present>,
@@ -45,6 +47,8 @@ pub struct Renderer {
     is_masked: bool,
     /// Changes of the page table so far.
     patches: u64,
+    /// Changes of instances before the last frame that drew.
+    drawn_edits: u64,
     frame: u64,
     recorded: BTreeSet<&'static str>,
 }
@@ -67,6 +71,7 @@ impl Renderer {
             timestamps: Timestamps::new(gpu),
             page_table: arrays.empty_page_table(),
             gpu: gpu.clone(),
+            instances: Instances::new(arrays.instances.len() as u32),
             arrays,
             pool,
             buffers,
@@ -78,6 +83,7 @@ impl Renderer {
             by_compute: true,
             is_masked,
             patches: 0,
+            drawn_edits: 0,
             frame: 0,
             recorded: BTreeSet::new(),
         })
@@ -166,6 +172,10 @@ impl Renderer {
         self.by_compute
     }
 
+    fn changes(&self) -> u64 {
+        self.patches + self.instances.edits
+    }
+
     /// Whether requests of `view` are known without drawing: nothing is tested, or against depths
     /// of that very view.
     pub fn sees(&self, view: &View) -> bool {
@@ -179,7 +189,8 @@ impl Renderer {
 
     /// [`Renderer::sees`], with all pages drawn that are installed now.
     pub fn is_current(&self, view: &View) -> bool {
-        self.occlusion.is_current(&self.filled(view), self.patches)
+        self.occlusion
+            .is_current(&self.filled(view), self.changes())
     }
 
     /// Other queues; what a frame in flight wrote to the old ones is still read back.
@@ -204,7 +215,7 @@ impl Renderer {
         self.buffers.set_rows(&self.gpu, &rows)
     }
 
-    fn unbind(&mut self) {
+    pub(super) fn unbind(&mut self) {
         self.passes = [None, None];
         self.present = None;
     }
@@ -417,7 +428,7 @@ impl Renderer {
         let flag = |bit: u32, on: bool| if on { bit } else { 0 };
         View {
             size_px: self.buffers.size_px(),
-            instance_count: self.arrays.instances.len() as u32,
+            instance_count: self.instances.count,
             page_count: self.arrays.page_count,
             shade_mode: self.mode as u32,
             node_capacity: capacities.nodes,
@@ -439,7 +450,14 @@ impl Renderer {
 
     /// Decides about occlusion, and writes the views that drew the depths of both passes.
     fn plan_occlusion(&mut self, view: &View, work: Work) -> Result<Steps, GpuError> {
-        let steps = self.occlusion.plan(view, work.draws());
+        let mut steps = self.occlusion.plan(view, work.draws());
+        if !work.draws() && self.instances.edits != self.drawn_edits {
+            // Nothing looks again at what depths of other instances hide.
+            steps.tests = false;
+        }
+        if work.draws() {
+            self.drawn_edits = self.instances.edits;
+        }
         let early = self.occlusion.early(steps, work.draws());
         let early = early.unwrap_or(View { flags: 0, ..*view });
         let late = View {
@@ -453,7 +471,7 @@ impl Renderer {
             self.passes[usize::from(work.draws())] = Some(passes);
             added?;
         }
-        self.occlusion.recorded(view, steps, self.patches);
+        self.occlusion.recorded(view, steps, self.changes());
         Ok(steps)
     }
 
@@ -472,9 +490,11 @@ impl Renderer {
             let arrays = self.arrays.clone();
             let overdraw = self.mode == ShadeMode::Overdraw;
             let by_compute = self.draws_by_compute();
+            let instance_count = self.instances.count;
             let passes = Passes::new(
                 &mut self.parts(),
                 &arrays,
+                instance_count,
                 work.draws(),
                 overdraw,
                 by_compute,

@@ -12,7 +12,10 @@ pub fn cull_instances(input: &CullInput<'_>, output: &mut CullOutput) {
     let (arrays, view) = (input.arrays, input.view);
     let proxies = arrays.proxy_records(&arrays.materials);
     for (index, instance) in (0..).zip(&arrays.instances) {
-        let asset = &arrays.assets[instance.asset as usize];
+        let Some(asset) = arrays.assets.get(instance.asset as usize) else {
+            // `NO_ASSET`: nothing is here, or it is hidden.
+            continue;
+        };
         let (low, high) = (asset.aabb_min, asset.aabb_max);
         if !view.is_reference() && !aabb_in_frustum(instance, view, low, high, NODE_SLACK) {
             continue;

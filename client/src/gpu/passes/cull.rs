@@ -42,7 +42,12 @@ struct Late {
 
 impl Cull {
     /// Binds the passes; `draws` adds those between the nodes and the rasterizer.
-    pub fn new(parts: &mut Parts<'_>, arrays: &SceneArrays, draws: bool) -> Result<Self, GpuError> {
+    pub fn new(
+        parts: &mut Parts<'_>,
+        arrays: &SceneArrays,
+        instance_count: u32,
+        draws: bool,
+    ) -> Result<Self, GpuError> {
         let clusters = match draws {
             true => Some(Clusters {
                 prepare_clusters: parts.bind(&passes::PREPARE_CLUSTERS)?,
@@ -57,7 +62,7 @@ impl Cull {
             cull_nodes: parts.bind(&passes::CULL_NODES)?,
             clusters,
             late: None,
-            instance_count: arrays.instances.len() as u32,
+            instance_count,
             depth: arrays.depth,
             args: parts.buffers.get("args").clone(),
         })
