@@ -178,7 +178,8 @@ fn manifests_that_claim_more_than_they_hold_are_refused() {
         .iter()
         .map(|byte| byte & 127)
         .collect();
-    let named = [&[1, 32][..], &name, &ContentHash::of(b"asset").0, &[0]].concat();
+    let asset = ContentHash::of(b"asset").0;
+    let named = [&[1, 32][..], &name, &asset, &[0], &[0; 36]].concat();
     for (what, plain, expected) in [
         (
             "a billion assets",
@@ -186,14 +187,24 @@ fn manifests_that_claim_more_than_they_hold_are_refused() {
             "LSS2: expected lists of at most 2097152 bytes",
         ),
         (
-            "a billion instances",
-            [&[0][..], &billion].concat(),
+            "a billion bytes of instances",
+            [&[0; 2][..], &billion].concat(),
             "LSS2: expected lists of at most",
+        ),
+        (
+            "a billion instances",
+            [&[0][..], &billion, &[0; 5]].concat(),
+            "scene instances: expected at most",
+        ),
+        (
+            "a million instances without bytes",
+            [&[0][..], &million, &[0; 5]].concat(),
+            "scene instances: expected at most",
         ),
         // Empty texts: a byte each, 24 in memory.
         (
             "a million warnings",
-            [&named[..], &[0; 4], &million, &vec![0; 1_000_000]].concat(),
+            [&named[..], &[0; 5], &million, &vec![0; 1_000_000]].concat(),
             "LSS2: expected lists of at most",
         ),
         (

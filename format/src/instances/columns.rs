@@ -138,54 +138,62 @@ fn write_integers(bytes: &mut Vec<u8>, column: &[u64]) {
 }
 
 /// Bits of floats: a table where values repeat, else differences.
-fn write_floats(bytes: &mut Vec<u8>, mut column: Vec<u64>) {
+fn write_floats(bytes: &mut Vec<u8>, column: Vec<u64>) {
     let mut values = column.clone();
     values.sort_unstable_by_key(|&bits| ordered(bits));
     values.dedup();
     let pays = values.len() <= MOST_TABLE && values.len() * TABLE_SHARE <= column.len();
-    if pays && !column.is_empty() {
-        for value in &mut column {
-            let index = values.binary_search_by_key(&ordered(*value), |&bits| ordered(bits));
-            // Every value is in the table.
-            *value = index.unwrap_or_default() as u64;
-        }
-        bytes.push(TABLE);
-        bytes.extend((values.len() as u32).to_le_bytes());
-        differences(&mut values);
-        write_integers(bytes, &values);
-    } else {
+    if !pays || column.is_empty() {
         drop(values);
-        differences(&mut column);
+        return write_differences(bytes, column);
     }
+    let indices = column.iter().map(|&bits| {
+        let index = values.binary_search_by_key(&ordered(bits), |&value| ordered(value));
+        // Every value is in the table.
+        index.unwrap_or_default() as u64
+    });
+    let indices: Vec<u64> = indices.collect();
+    bytes.push(TABLE);
+    bytes.extend((values.len() as u32).to_le_bytes());
+    write_differences(bytes, values);
+    write_integers(bytes, &indices);
+}
+
+/// Differences from the value before, without the bits that all have as zeros: floats of single
+/// precision have 29.
+fn write_differences(bytes: &mut Vec<u8>, mut column: Vec<u64>) {
+    let mut before = 0;
+    let mut all = 0;
+    for value in &mut column {
+        let own = ordered(*value);
+        *value = own.wrapping_sub(before) as u64;
+        all |= *value;
+        before = own;
+    }
+    let shift = if all == 0 { 0 } else { all.trailing_zeros() };
+    for value in &mut column {
+        *value = folded(*value as i64 >> shift);
+    }
+    bytes.push(shift as u8);
     write_integers(bytes, &column);
 }
 
-/// Each value becomes its difference from the one before.
-fn differences(column: &mut [u64]) {
-    let mut before = 0;
-    for value in column {
-        let own = ordered(*value);
-        *value = folded(own.wrapping_sub(before));
-        before = own;
-    }
-}
-
-/// An integer that grows with the float of these bits.
+/// An integer that grows with the float of these bits; that of `-0.0` is below all.
 fn ordered(bits: u64) -> i64 {
     let signed = bits as i64;
-    if signed < 0 {
-        signed ^ i64::MAX
-    } else {
-        signed
+    match signed {
+        i64::MIN => i64::MIN,
+        ..0 => i64::MIN.wrapping_sub(signed),
+        _ => signed,
     }
 }
 
 /// The inverse of [`ordered`].
 fn float(ordered: i64) -> f64 {
-    let signed = if ordered < 0 {
-        ordered ^ i64::MAX
-    } else {
-        ordered
+    let signed = match ordered {
+        i64::MIN => i64::MIN,
+        ..0 => i64::MIN.wrapping_sub(ordered),
+        _ => ordered,
     };
     f64::from_bits(signed as u64)
 }

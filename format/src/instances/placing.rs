@@ -13,7 +13,7 @@ pub struct InstanceSteps {
     pub root: f64,
     /// Step of a turn's four numbers, whose squares add up to the scale.
     pub turn: f64,
-    /// Step of an offset where the stretch is one.
+    /// Step of an offset where the stretch is one; zero where offsets are stored bit by bit.
     pub offset: f64,
 }
 
@@ -83,7 +83,8 @@ pub struct Placing {
 
 impl Placing {
     /// The instance nearest to `instance` on the steps, with its linear part as it is if
-    /// `keeps_linear`; `None` where it lies too many steps away. Does not go on: [`Self::pass`].
+    /// `keeps_linear`, and its offset if there are no steps for it; `None` where it lies too many
+    /// steps away. Does not go on: [`Self::pass`].
     pub fn nearest(
         &self,
         steps: &InstanceSteps,
@@ -95,7 +96,10 @@ impl Placing {
             true => exact,
             false => linear_on_steps(steps, &exact)?.1,
         };
-        let (_, offset) = self.offset_on_steps(steps, &linear, instance)?;
+        let offset = match steps.offset > 0.0 {
+            true => self.offset_on_steps(steps, &linear, instance)?.1,
+            false => offset_of(instance),
+        };
         Some(instance_of(instance.asset, &linear, offset))
     }
 

@@ -22,7 +22,7 @@ pub(super) use order::BLOCK_INSTANCES;
 const READS_AT_ONCE: usize = 16;
 
 /// Instances of a mesh that may be moved by less than a quarter of its rounding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Freedom {
     /// None: some touch others without a gap.
     None,

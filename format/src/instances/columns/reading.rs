@@ -192,10 +192,6 @@ impl<'a> Bytes<'a> {
 
     fn integers(&mut self, count: usize) -> Result<Integral<'a>, FormatError> {
         let width = self.take(1, "width")?[0];
-        self.planes(width, count)
-    }
-
-    fn planes(&mut self, width: u8, count: usize) -> Result<Integral<'a>, FormatError> {
         ensure(
             width <= 8,
             "instance columns: width",
@@ -210,11 +206,24 @@ impl<'a> Bytes<'a> {
         })
     }
 
+    fn differences(&mut self, shift: u8, count: usize) -> Result<Floating<'a>, FormatError> {
+        ensure(
+            shift < 64,
+            "instance columns: shift",
+            "at most 63 bits",
+            shift,
+        )?;
+        Ok(Floating::Differences {
+            differences: self.integers(count)?,
+            shift,
+            before: 0,
+        })
+    }
+
     fn floats(&mut self, count: usize) -> Result<Floating<'a>, FormatError> {
-        let width = self.take(1, "width")?[0];
-        if width != TABLE {
-            let differences = self.planes(width, count)?;
-            return Ok(Floating::Differences(differences, 0));
+        let shift = self.take(1, "shift")?[0];
+        if shift != TABLE {
+            return self.differences(shift, count);
         }
         let values = self.u32("values")? as usize;
         let most = MOST_TABLE.min(count);
@@ -224,7 +233,8 @@ impl<'a> Bytes<'a> {
             format_args!("at most {most}"),
             values,
         )?;
-        let mut differences = Floating::Differences(self.integers(values)?, 0);
+        let shift = self.take(1, "shift")?[0];
+        let mut differences = self.differences(shift, values)?;
         let values = (0..values).map(|_| differences.next());
         let values = values.collect::<Result<_, _>>()?;
         Ok(Floating::Table(values, self.integers(count)?))
@@ -253,8 +263,12 @@ impl Integral<'_> {
 
 /// A column of floats.
 enum Floating<'a> {
-    /// Differences, and the one before in the order of floats.
-    Differences(Integral<'a>, i64),
+    /// Differences from the one before, in the order of floats.
+    Differences {
+        differences: Integral<'a>,
+        shift: u8,
+        before: i64,
+    },
     /// Values, and indices of them.
     Table(Vec<f64>, Integral<'a>),
 }
@@ -262,8 +276,12 @@ enum Floating<'a> {
 impl Floating<'_> {
     fn next(&mut self) -> Result<f64, FormatError> {
         match self {
-            Self::Differences(differences, before) => {
-                *before = before.wrapping_add(unfolded(differences.next()));
+            Self::Differences {
+                differences,
+                shift,
+                before,
+            } => {
+                *before = before.wrapping_add(unfolded(differences.next()) << *shift);
                 Ok(float(*before))
             }
             Self::Table(values, indices) => {

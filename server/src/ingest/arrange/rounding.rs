@@ -1,9 +1,9 @@
 //! Instances onto steps: no point of an asset moves by more than a quarter of its rounding.
 //!
 //! The rounding of an asset is half the diagonal of a cell of its grid; in the world it is as much
-//! larger as the instance stretches. A turn takes two fifths of the quarter, the offset the most of
-//! the rest. Each instance is then measured at the corners of the box, and stays as it was where it
-//! would move farther.
+//! larger as the instance stretches. Where offsets are shorter as they are, turns alone take the
+//! quarter; else two fifths of it, and the offsets the most of the rest. Each instance is then
+//! measured at the corners of the box, and stays as it was where it would move farther.
 
 use lodestream_format::Scene;
 use lodestream_format::instances::{
@@ -16,6 +16,8 @@ use crate::ingest::neighbours::Placed;
 
 /// Share of the rounding that an instance may move by.
 const MOVED_SHARE: f64 = 0.25;
+/// Share of it for the linear part where offsets keep their bits.
+const LINEAR_ALONE_SHARE: f64 = 0.95;
 /// Shares of it for the linear part and the offset.
 const LINEAR_SHARE: f64 = 0.4;
 const OFFSET_SHARE: f64 = 0.55;
@@ -28,14 +30,20 @@ const REPEATED_SHARE: usize = 4;
 pub(super) fn round(scene: &mut Scene, boxes: &[AssetBox], freedoms: &[Freedom]) {
     let shared = SharedParts::new(&scene.instances);
     let is_own = |instance: &Instance| shared.number(&linear_of(instance)).is_none();
-    let shorter = shared_offsets_are_long(&scene.instances, &is_own);
-    let may_move = |instance: &Instance| {
+    let is_free = |instance: &Instance| {
         let freedom = freedoms[instance.asset as usize];
-        match is_own(instance) {
-            true => freedom != Freedom::None && has_volume(instance),
-            false => shorter && freedom == Freedom::All && has_volume(instance),
-        }
+        let least = if is_own(instance) {
+            Freedom::Own
+        } else {
+            Freedom::All
+        };
+        freedom >= least && has_volume(instance)
     };
+    let moves_offsets = {
+        let free = || scene.instances.iter().filter(|instance| is_free(instance));
+        offsets_are_long(free, boxes)
+    };
+    let may_move = |instance: &Instance| is_free(instance) && (moves_offsets || is_own(instance));
     let mut least = vec![f64::INFINITY; boxes.len()];
     let mut moved = vec![0u32; boxes.len()];
     for instance in &scene.instances {
@@ -50,7 +58,7 @@ pub(super) fn round(scene: &mut Scene, boxes: &[AssetBox], freedoms: &[Freedom])
     }
     for (asset, used) in scene.assets.iter_mut().enumerate() {
         if moved[asset] >= LEAST_MOVED {
-            used.steps = steps(&boxes[asset], least[asset]);
+            used.steps = steps(&boxes[asset], least[asset], moves_offsets);
         }
     }
     let mut placing = Placing::default();
@@ -68,8 +76,12 @@ pub(super) fn round(scene: &mut Scene, boxes: &[AssetBox], freedoms: &[Freedom])
 }
 
 /// Steps of an asset whose own turns stretch by `least` or more.
-fn steps(around: &AssetBox, least: f64) -> InstanceSteps {
-    let center = around.center.map(f64::from);
+fn steps(around: &AssetBox, least: f64, moves_offsets: bool) -> InstanceSteps {
+    // A turn moves nothing there.
+    let (center, share) = match moves_offsets {
+        true => (around.center.map(f64::from), LINEAR_SHARE),
+        false => ([0.0; 3], LINEAR_ALONE_SHARE),
+    };
     let radius = around
         .corners
         .iter()
@@ -80,38 +92,69 @@ fn steps(around: &AssetBox, least: f64) -> InstanceSteps {
     // Rounded roots stay above it.
     let root = 0.999 * least.sqrt();
     let (root, turn) = match root.is_finite() {
-        true => (root, 0.5 * LINEAR_SHARE * moved * root / radius),
+        true => (root, 0.5 * share * moved * root / radius),
         false => (0.0, 0.0),
     };
     InstanceSteps {
         center: around.center,
         root,
         turn,
-        // Half the diagonal of a cell of the step.
-        offset: OFFSET_SHARE * moved / 0.75f64.sqrt(),
+        offset: if moves_offsets {
+            offset_step(around)
+        } else {
+            0.0
+        },
     }
 }
 
-/// Whether the offsets of instances with shared parts are longer bit by bit than on steps: neither
-/// of the single precision of most files, nor of few values as in a lattice.
-fn shared_offsets_are_long(instances: &[Instance], is_own: &impl Fn(&Instance) -> bool) -> bool {
-    let mut count = 0;
-    let mut long = 0;
-    for instance in instances.iter().filter(|instance| !is_own(instance)) {
+fn offset_step(around: &AssetBox) -> f64 {
+    // Half the diagonal of a cell of the step.
+    OFFSET_SHARE * MOVED_SHARE * around.rounding / 0.75f64.sqrt()
+}
+
+/// Whether the offsets of these instances take more bits as they are than on steps. Those of single
+/// precision and those of a lattice do not.
+fn offsets_are_long<'a, I: Iterator<Item = &'a Instance>>(
+    free: impl Fn() -> I,
+    boxes: &[AssetBox],
+) -> bool {
+    let bits = |number: f64| (1.0 + number).log2();
+    let (mut count, mut on_steps) = (0usize, 0.0);
+    let mut before: Option<[f64; 3]> = None;
+    for instance in free() {
+        let offset = offset_of(instance);
+        let around = &boxes[instance.asset as usize];
+        let step = offset_step(around) * largest_column(&linear_of(instance));
+        for axis in 0..3 {
+            let from = before.map_or(offset[axis], |before| before[axis]);
+            on_steps += bits((offset[axis] - from).abs() / step);
+        }
+        before = Some(offset);
         count += 1;
-        let is_long = |value: &f64| f64::from(*value as f32) != *value;
-        long += usize::from(offset_of(instance).iter().any(is_long));
     }
-    if 2 * long <= count {
-        return false;
-    }
-    (0..3).any(|axis| {
-        let own = instances.iter().filter(|instance| !is_own(instance));
-        let mut values: Vec<u64> = own.map(|it| offset_of(it)[axis].to_bits()).collect();
+    let mut exact = 0.0;
+    for axis in 0..3 {
+        let mut values: Vec<u64> = free().map(|it| offset_of(it)[axis].to_bits()).collect();
+        // Zeros that all have at their end are not stored.
+        let zeros = values
+            .iter()
+            .fold(0, |all, bits| all | bits)
+            .trailing_zeros();
+        let unit = 2f64.powi(zeros.min(63) as i32);
+        let differences = values.windows(2).map(|pair| pair[0].abs_diff(pair[1]));
+        let differences: f64 = differences.map(|it| bits(it as f64 / unit)).sum();
         values.sort_unstable();
         values.dedup();
-        REPEATED_SHARE * values.len() > count
-    })
+        // Few values are a table, and an index each.
+        let is_table = REPEATED_SHARE * values.len() <= count;
+        let index = count as f64 * bits(values.len() as f64);
+        exact += if is_table {
+            index.min(differences)
+        } else {
+            differences
+        };
+    }
+    exact > on_steps
 }
 
 fn has_volume(instance: &Instance) -> bool {

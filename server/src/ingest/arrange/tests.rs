@@ -213,6 +213,29 @@ fn shared_turns_stay_where_that_is_shorter() {
     }
 }
 
+/// As most files have them: places of single precision stay, turns go onto steps.
+#[test]
+fn turns_move_where_offsets_are_short() {
+    let mut before = scene(instances("turned", 0.0, 2000));
+    for row in before
+        .instances
+        .iter_mut()
+        .flat_map(|it| &mut it.world_from_object)
+    {
+        row[3] = f64::from((row[3] * 16.0).round() as f32 / 16.0);
+    }
+    let mut after = before.clone();
+    round(&mut after, &[around()], &[Freedom::All]);
+    for (from, to) in before.instances.iter().zip(&after.instances) {
+        assert!(moved(from, to) <= 1.0);
+        assert_ne!(from, to);
+        let offset = |instance: &Instance| instance.world_from_object.map(|row| row[3]);
+        assert_eq!(offset(from), offset(to));
+    }
+    let size = |scene: &Scene| scene.encode().expect("encodes").len();
+    assert!(2 * size(&after) < size(&before));
+}
+
 #[test]
 fn blocks_are_near_each_other_for_any_thread_count() {
     let scattered = instances("turned", 1e6, 64 * BLOCK_INSTANCES);

@@ -248,9 +248,12 @@ fn share(placed: &[Placed], meetings: &Meetings, rims: &[Rim], chosen: &[Part]) 
             vertex,
         })
     };
+    let open_of = |rim: &Rim| rim.is_open.iter().filter(|open| **open).count();
+    let open: Vec<usize> = rims.iter().map(open_of).collect();
     let count = (0..placed.len()).map(|instance| match chosen[instance] {
         Part::None => 0,
-        Part::Open | Part::All => rims[placed[instance].mesh].positions.len(),
+        Part::Open => open[placed[instance].mesh],
+        Part::All => rims[placed[instance].mesh].positions.len(),
     });
     let mut places = Places::with_capacity(count.sum());
     for (instance, own) in placed.iter().enumerate() {
