@@ -10,7 +10,7 @@ pub(in crate::ingest) const BLOCK_INSTANCES: usize = 64;
 /// Bits of an axis in the key.
 const AXIS_BITS: u32 = 21;
 
-/// Sorts; equal keys stay in their order, whatever the thread count. `boxes` are those of the assets.
+/// Sorts; equal keys stay in their order, whatever the thread count. `boxes` are of the assets.
 pub(super) fn sort(instances: &mut Vec<Instance>, boxes: &[AssetBox]) {
     let center = |instance: &Instance| {
         let [x, y, z] = boxes[instance.asset as usize].center.map(f64::from);
