@@ -2,6 +2,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use lodestream_client::gpu::{PageUpload, Renderer};
+use lodestream_format::instances::InstanceSteps;
 use lodestream_format::scene::SceneAsset;
 use lodestream_format::{ContentHash, Scene};
 use lodestream_shaders::types::NOT_INSTALLED;
@@ -23,6 +24,7 @@ fn transcode(criterion: &mut Criterion) {
             name: "torus".into(),
             asset: ContentHash::of(&[]),
             materials: vec![0],
+            steps: InstanceSteps::default(),
         }],
         instances: vec![placed(0, [1.0; 3], 0.0, [0.0; 3])],
         materials: vec![material([0.8; 3], false)],

@@ -10,6 +10,7 @@ use hostile_common::counting::{Counting, Measure};
 use hostile_common::scene::*;
 use hostile_common::{Client, Hostile};
 use lodestream_client::stream::{OpenParts, OpenedScene, StreamLimits};
+use lodestream_format::instances::InstanceSteps;
 use lodestream_format::scene::{Instance, MediaType, SceneAsset, Texture};
 use lodestream_format::wire::{Block, BlockHeader, BlockKind, PageStatus, block_header};
 use lodestream_format::{ContentHash, Scene};
@@ -177,28 +178,39 @@ fn manifests_that_claim_more_than_they_hold_are_refused() {
         .iter()
         .map(|byte| byte & 127)
         .collect();
-    let named = [&[1, 32][..], &name, &ContentHash::of(b"asset").0, &[0]].concat();
+    let asset = ContentHash::of(b"asset").0;
+    let named = [&[1, 32][..], &name, &asset, &[0], &[0; 36]].concat();
     for (what, plain, expected) in [
         (
             "a billion assets",
             billion.clone(),
-            "LSS1: expected lists of at most 2097152 bytes",
+            "LSS2: expected lists of at most 2097152 bytes",
+        ),
+        (
+            "a billion bytes of instances",
+            [&[0; 2][..], &billion].concat(),
+            "LSS2: expected lists of at most",
         ),
         (
             "a billion instances",
-            [&[0][..], &billion].concat(),
-            "LSS1: expected lists of at most",
+            [&[0][..], &billion, &[0; 5]].concat(),
+            "scene instances: expected at most",
+        ),
+        (
+            "a million instances without bytes",
+            [&[0][..], &million, &[0; 5]].concat(),
+            "scene instances: expected at most",
         ),
         // Empty texts: a byte each, 24 in memory.
         (
             "a million warnings",
-            [&named[..], &[0; 4], &million, &vec![0; 1_000_000]].concat(),
-            "LSS1: expected lists of at most",
+            [&named[..], &[0; 5], &million, &vec![0; 1_000_000]].concat(),
+            "LSS2: expected lists of at most",
         ),
         (
             "more than memory",
             vec![0; 32 * MIB],
-            "LSS1: expected at most",
+            "LSS2: expected at most",
         ),
     ] {
         let object = scene_object(&plain);
@@ -247,6 +259,7 @@ fn an_asset_used_without_end_is_refused() {
         name: String::new(),
         asset: scene.assets[0].opened.hash,
         materials: vec![],
+        steps: InstanceSteps::default(),
     };
     let mut many = scene.opened.scene.clone();
     many.assets = vec![used; 10_000];

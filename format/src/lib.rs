@@ -21,6 +21,7 @@ pub mod frame;
 pub mod grid;
 pub mod hash;
 pub mod hierarchy;
+pub mod instances;
 pub mod library;
 pub mod limits;
 pub mod memory_form;

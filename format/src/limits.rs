@@ -33,6 +33,8 @@ pub const HIERARCHY_WIDTH: usize = 8;
 pub const MAX_HIERARCHY_DEPTH: u32 = 64;
 /// Most pages that one page may depend on.
 pub const MAX_PAGE_DEPENDENCIES: usize = 65_535;
+/// Most instances of a scene: a list takes 104 bytes for each.
+pub const MAX_INSTANCES: usize = 1 << 24;
 /// Most bytes of a decoded asset, scene or wire message (bincode's limit).
 pub const MAX_MESSAGE_BYTES: usize = 1 << 30;
 /// Most pages named by one `POST /v1/pages`.

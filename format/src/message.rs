@@ -9,10 +9,12 @@ fn config() -> impl bincode::config::Config {
     bincode::config::standard().with_limit::<MAX_MESSAGE_BYTES>()
 }
 
-pub(crate) fn encode(magic: [u8; 4], value: &impl bincode::Encode) -> Result<Vec<u8>, FormatError> {
+/// Takes `value` to drop it before its bytes are compressed.
+pub(crate) fn encode(magic: [u8; 4], value: impl bincode::Encode) -> Result<Vec<u8>, FormatError> {
     let at = String::from_utf8_lossy(&magic).into_owned();
-    let plain = bincode::encode_to_vec(value, config())
+    let plain = bincode::encode_to_vec(&value, config())
         .map_err(|error| FormatError::new(&at, "to encode", error))?;
+    drop(value);
     ensure(
         plain.len() <= MAX_MESSAGE_BYTES,
         &at,

@@ -6,12 +6,13 @@ use bincode::error::DecodeError;
 
 use crate::error::{FormatError, ensure};
 use crate::hash::ContentHash;
+use crate::instances::{InstanceSteps, PackedInstances};
 use crate::message;
 
-const MAGIC: [u8; 4] = *b"LSS1";
+const MAGIC: [u8; 4] = *b"LSS2";
 
 /// An asset as a scene uses it.
-#[derive(Debug, Clone, PartialEq, Eq, bincode::Encode, bincode::Decode)]
+#[derive(Debug, Clone, PartialEq, bincode::Encode, bincode::Decode)]
 pub struct SceneAsset {
     /// The mesh's name in the source file.
     pub name: String,
@@ -19,10 +20,12 @@ pub struct SceneAsset {
     pub asset: ContentHash,
     /// Index into [`Scene::materials`] of each material slot.
     pub materials: Vec<u32>,
+    /// Steps on which its instances may lie.
+    pub steps: InstanceSteps,
 }
 
 /// An asset placed in the world.
-#[derive(Debug, Clone, PartialEq, bincode::Encode, bincode::Decode)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Instance {
     /// Index into [`Scene::assets`].
     pub asset: u32,
@@ -123,11 +126,12 @@ pub struct Texture {
 }
 
 /// Everything that a viewer needs beside the assets themselves.
-#[derive(Debug, Clone, PartialEq, Default, bincode::Encode)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scene {
     /// Assets, each once.
     pub assets: Vec<SceneAsset>,
-    /// Placements.
+    /// Placements. Those that the builder orders follow a curve through space: each run of 64 is
+    /// near each other.
     pub instances: Vec<Instance>,
     /// Materials.
     pub materials: Vec<Material>,
@@ -142,7 +146,15 @@ pub struct Scene {
 impl Scene {
     /// The object's bytes; hash them for its name.
     pub fn encode(&self) -> Result<Vec<u8>, FormatError> {
-        message::encode(MAGIC, self)
+        let stored = (
+            &self.assets,
+            PackedInstances::new(&self.assets, &self.instances)?,
+            &self.materials,
+            &self.textures,
+            self.source_triangles,
+            &self.warnings,
+        );
+        message::encode(MAGIC, stored)
     }
 
     /// Reads and checks a scene object.
@@ -152,8 +164,11 @@ impl Scene {
 
     /// Reads and checks a scene object that may take `memory_bytes` with its message.
     pub fn decode_within(bytes: &[u8], memory_bytes: u64) -> Result<Self, FormatError> {
-        let scene: Self = message::decode(MAGIC, bytes, memory_bytes)?;
+        let StoredScene(mut scene, packed) = message::decode(MAGIC, bytes, memory_bytes)?;
         scene.check()?;
+        let taken_bytes = scene.memory_bytes().saturating_add(packed.memory_bytes());
+        let left_bytes = memory_bytes.saturating_sub(taken_bytes);
+        scene.instances = packed.unpack(&scene.assets, left_bytes)?;
         Ok(scene)
     }
 
@@ -188,24 +203,7 @@ impl Scene {
                     material,
                 )?;
             }
-        }
-        for (index, instance) in self.instances.iter().enumerate() {
-            below(
-                format!("scene instance {index} asset"),
-                self.assets.len(),
-                instance.asset,
-            )?;
-            let finite = instance
-                .world_from_object
-                .iter()
-                .flatten()
-                .all(|value| value.is_finite());
-            ensure(
-                finite,
-                format_args!("scene instance {index} transform"),
-                "finite numbers",
-                "another",
-            )?;
+            asset.steps.check(index)?;
         }
         for (index, material) in self.materials.iter().enumerate() {
             if let Some(texture) = &material.base_color {
@@ -230,16 +228,23 @@ impl Scene {
     }
 }
 
-impl<Context> Decode<Context> for Scene {
+/// A scene without its instances, and these packed.
+struct StoredScene(Scene, PackedInstances);
+
+impl<Context> Decode<Context> for StoredScene {
     fn decode<D: Decoder<Context = Context>>(decoder: &mut D) -> Result<Self, DecodeError> {
-        Ok(Self {
-            assets: list(decoder)?,
-            instances: list(decoder)?,
+        let assets = list(decoder)?;
+        let packed = PackedInstances::decode(decoder)?;
+        decoder.claim_bytes_read(packed.memory_bytes() as usize)?;
+        let scene = Scene {
+            assets,
+            instances: Vec::new(),
             materials: list(decoder)?,
             textures: list(decoder)?,
             source_triangles: Decode::decode(decoder)?,
             warnings: list(decoder)?,
-        })
+        };
+        Ok(Self(scene, packed))
     }
 }
 

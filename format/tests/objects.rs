@@ -7,6 +7,7 @@ use lodestream_format::bounds::{Aabb, Sphere};
 use lodestream_format::cluster::Attributes;
 use lodestream_format::grid::Grid;
 use lodestream_format::hierarchy::{Child, Group, LEAF_FLAG, Node, Part, ROOT_ERROR};
+use lodestream_format::instances::InstanceSteps;
 use lodestream_format::proxy::{Proxy, ProxySide, SlotShare};
 use lodestream_format::scene::{
     AlphaMode, Instance, Material, MediaType, SceneAsset, Texture, TextureUse, Wrap,
@@ -116,6 +117,7 @@ fn scene() -> Scene {
             name: "rock".into(),
             asset: ContentHash::of(b"asset"),
             materials: vec![0],
+            steps: InstanceSteps::default(),
         }],
         instances: vec![Instance {
             asset: 0,

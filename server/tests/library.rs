@@ -217,7 +217,7 @@ async fn gc_stops_before_a_damaged_scene_can_cost_objects() {
     let path = folder
         .path()
         .join(lodestream_format::library::object_path(&scene));
-    std::fs::write(&path, b"LSS1 broken").unwrap();
+    std::fs::write(&path, b"LSS2 broken").unwrap();
     let options = GcOptions {
         grace_secs: 0,
         dry_run: false,

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use lodestream_client::gpu::{Gpu, PageUpload, Renderer, TextureUpload, instance};
 use lodestream_format::disk_form::DiskForm;
+use lodestream_format::instances::InstanceSteps;
 use lodestream_format::scene::{
     AlphaMode, Instance, Material, MediaType, SceneAsset, Texture, TextureUse, Wrap,
 };
@@ -325,6 +326,7 @@ pub fn used(name: &str, materials: Vec<u32>) -> SceneAsset {
         name: name.to_owned(),
         asset: ContentHash::of(&[]),
         materials,
+        steps: InstanceSteps::default(),
     }
 }
 

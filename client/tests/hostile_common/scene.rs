@@ -84,7 +84,7 @@ pub fn blocks(parts: &[Part]) -> Vec<u8> {
 pub fn scene_object(plain: &[u8]) -> Vec<u8> {
     let length = (plain.len() as u64).to_le_bytes();
     let packed = zstd::bulk::compress(plain, 1).unwrap();
-    [b"LSS1", &length[..], &packed].concat()
+    [b"LSS2", &length[..], &packed].concat()
 }
 
 pub fn source(server: &Hostile) -> Source {

@@ -18,6 +18,7 @@ use lodestream_format::disk_form;
 use lodestream_format::frame::{self, Codec};
 use lodestream_format::grid::Grid;
 use lodestream_format::hierarchy::{Child, Group, LEAF_FLAG, Node, Part, ROOT_ERROR};
+use lodestream_format::instances::InstanceSteps;
 use lodestream_format::library::{SceneReference, object_path, scene_path};
 use lodestream_format::limits::HIERARCHY_WIDTH;
 use lodestream_format::scene::{Instance, SceneAsset};
@@ -399,6 +400,7 @@ impl MadeScene {
             name: "made".to_owned(),
             asset: made.opened.hash,
             materials: vec![],
+            steps: InstanceSteps::default(),
         };
         let scene = Scene {
             assets: assets.iter().map(used).collect(),

@@ -14,6 +14,7 @@ use lodestream_format::ContentHash;
 use rayon::prelude::*;
 use tokio::runtime::Handle;
 
+use super::arrange::Freedom;
 use super::memory::Room;
 use super::merge::MergedMesh;
 use super::neighbours::{self, Placed};
@@ -32,6 +33,7 @@ pub(super) struct KeyedMesh {
     pub key: ContentHash,
     /// Meshes of one content have the same.
     pub neighbours: Arc<Neighbours>,
+    pub freedom: Freedom,
     pub mesh: MergedMesh,
 }
 
@@ -55,7 +57,7 @@ pub(super) fn named(meshes: Vec<MergedMesh>) -> Result<Vec<NamedMesh>, IngestErr
 
 /// The neighbours of every mesh of a scene.
 pub(super) struct SceneNeighbours {
-    pub of_mesh: Vec<Arc<Neighbours>>,
+    pub of_mesh: Vec<(Arc<Neighbours>, Freedom)>,
     pub warnings: Vec<String>,
 }
 
@@ -87,7 +89,7 @@ pub(super) fn neighbours(
     Ok(SceneNeighbours {
         of_mesh: numbers
             .iter()
-            .map(|&number| Arc::clone(&of_number[number]))
+            .map(|&number| (Arc::clone(&of_number[number]), found.freedoms[number]))
             .collect(),
         warnings: found.warnings,
     })
@@ -96,16 +98,19 @@ pub(super) fn neighbours(
 /// Names the build of every mesh, beside its neighbours.
 pub(super) fn keyed(
     named: Vec<NamedMesh>,
-    neighbours: Vec<Arc<Neighbours>>,
+    neighbours: Vec<(Arc<Neighbours>, Freedom)>,
     options: &BuildOptions,
 ) -> Vec<KeyedMesh> {
     let keyed = named.into_iter().zip(neighbours);
-    let keyed = keyed.map(|(NamedMesh { content, mesh }, neighbours)| KeyedMesh {
-        content,
-        key: records::key(&content, options, &neighbours.hash()),
-        neighbours,
-        mesh,
-    });
+    let keyed = keyed.map(
+        |(NamedMesh { content, mesh }, (neighbours, freedom))| KeyedMesh {
+            content,
+            key: records::key(&content, options, &neighbours.hash()),
+            neighbours,
+            freedom,
+            mesh,
+        },
+    );
     keyed.collect()
 }
 

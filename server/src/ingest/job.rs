@@ -8,6 +8,7 @@ use std::time::Instant;
 use lodestream_format::ContentHash;
 use tokio::runtime::Handle;
 
+use super::arrange::Freedom;
 use super::assets::{self, Builder, KeyedMesh, NamedMesh};
 use super::deal::Task;
 use super::merge::{Merged, MergedMesh};
@@ -16,8 +17,8 @@ use super::plan::{Plan, PlanMesh, hash_input};
 use super::progress::{Progress, ProgressTo};
 use super::report::{self, Clock};
 use super::{
-    FoundBuilds, IngestError, IngestReport, IngestSeconds, RENEW_AFTER_SECS, find_all, memory,
-    outline,
+    FoundBuilds, IngestError, IngestReport, IngestSeconds, RENEW_AFTER_SECS, arrange, find_all,
+    memory, outline,
 };
 use crate::build::{BuildOptions, Neighbours};
 use crate::import::{self, OpenOptions};
@@ -257,6 +258,8 @@ fn read_meshes(
             content,
             key: wanted.key,
             neighbours: Arc::clone(&wanted.neighbours),
+            // The outline says it.
+            freedom: Freedom::None,
             mesh,
         })
     };
@@ -315,7 +318,8 @@ pub fn finish(
             runtime.block_on(library.check_object(&texture.object))?;
         }
     }
-    let scene_object = outline::fill(outline, &stored);
+    let mut scene_object = outline::fill(outline, &stored);
+    arrange::arrange(runtime, library, &mut scene_object)?;
     let repaired = super::publish(runtime, library, scene, Replaces::Anything, &scene_object)?;
     progress.end();
     let total = start.elapsed().as_secs_f64();

@@ -3,13 +3,14 @@
 //! ```text
 //! import every input -> one scene (`merge`) -> what meshes keep for each other (`neighbours`) ->
 //! name every mesh (`records`) -> build and store those that no record knows (`assets`) -> textures
-//! -> scene (`outline`) -> publish
+//! -> scene (`outline`) -> its instances in order (`arrange`) -> publish
 //! ```
 //!
 //! The same in parts, on many machines: `plan` imports and deals out the meshes, `job` builds some of them, `finish` publishes.
 //! Nothing names the new objects until the last step, so a run that fails leaves the library's scenes as they were; what it
 //! built is found again by the next.
 
+mod arrange;
 mod assets;
 mod build_report;
 mod deal;
@@ -155,7 +156,8 @@ fn run(
     let outline = outline::outline(merged, entries, textures);
     // Each key was found or built.
     let stored: Vec<_> = keys.iter().map(|key| Arc::clone(&known[key])).collect();
-    let scene = outline::fill(outline, &stored);
+    let mut scene = outline::fill(outline, &stored);
+    arrange::arrange(runtime, library, &mut scene)?;
     let published = publish(runtime, library, &options.scene, options.replaces, &scene)?;
     repaired.merge(published);
     let clock = report::Clock {

@@ -1,6 +1,7 @@
 //! A scene in outline: all of it but what its meshes become.
 //!
-//! It is a [`Scene`] with an asset entry for every mesh, equal ones too, where the key of the mesh's build stands for the asset.
+//! It is a [`Scene`] with an asset entry for every mesh, equal ones too, where the key of the mesh's
+//! build stands for the asset, and steps of 1 say which instances may move.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -22,6 +23,7 @@ pub(super) fn entries(meshes: &[KeyedMesh]) -> Vec<SceneAsset> {
         name: keyed.mesh.mesh.name().to_owned(),
         asset: keyed.key,
         materials: keyed.mesh.material_slots.clone(),
+        steps: keyed.freedom.steps(),
     };
     meshes.iter().map(entry).collect()
 }
@@ -60,9 +62,14 @@ pub(super) fn fill(outline: Scene, stored: &[Arc<StoredAsset>]) -> Scene {
                     name: entry.name,
                     asset: *asset,
                     materials: materials.clone(),
+                    steps: entry.steps,
                 });
                 assets.len() as u32 - 1
             });
+        // Meshes that became one asset keep still where one of them must.
+        let steps = &mut assets[*asset as usize].steps;
+        steps.turn = steps.turn.min(entry.steps.turn);
+        steps.offset = steps.offset.min(entry.steps.offset);
         asset_of_mesh.push(*asset);
     }
     let mut instances = outline.instances;

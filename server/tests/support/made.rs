@@ -3,6 +3,7 @@
 use bytes::Bytes;
 use lodestream_format::asset::PageEntry;
 use lodestream_format::grid::Grid;
+use lodestream_format::instances::InstanceSteps;
 use lodestream_format::scene::{Instance, SceneAsset};
 use lodestream_format::{Aabb, Asset, ContentHash, Scene};
 use lodestream_server::library::{BuildRecord, Library};
@@ -95,6 +96,7 @@ pub async fn scene(library: &Library, name: &str, assets: &[Made]) -> ContentHas
                 name: format!("asset {index}"),
                 asset: made.hash,
                 materials: vec![0],
+                steps: InstanceSteps::default(),
             })
             .collect(),
         instances: (0..assets.len() as u32)

@@ -9,6 +9,7 @@ use lodestream_format::bounds::Sphere;
 use lodestream_format::cluster::{Attributes, MaterialRange, NO_GROUP};
 use lodestream_format::grid::Grid;
 use lodestream_format::hierarchy::{Child, Group, LEAF_FLAG, NO_CHILD, Node, Part, ROOT_ERROR};
+use lodestream_format::instances::InstanceSteps;
 use lodestream_format::scene::{Instance, SceneAsset};
 use lodestream_format::{Aabb, Asset, Cluster, ContentHash, Hierarchy, Scene, memory_form};
 use lodestream_shaders::SceneArrays;
@@ -377,6 +378,7 @@ impl Fixture {
                     name: String::new(),
                     asset: dag.asset.pack,
                     materials: vec![0],
+                    steps: InstanceSteps::default(),
                 })
                 .collect(),
             ..Scene::default()

@@ -15,7 +15,7 @@ const MOST_MEMORY_BYTES: u64 = 64 << 20;
 /// Plain bytes of the scene, plain bytes of the asset and the hierarchy, each behind its length; then the root pages' frames.
 pub fn run(data: &[u8]) {
     let mut input = Input(data);
-    let scene = Scene::decode(&manifest(b"LSS1", input.sized()));
+    let scene = Scene::decode(&manifest(b"LSS2", input.sized()));
     let asset = Asset::decode(&manifest(b"LSA2", input.sized()));
     let (Ok(mut scene), Ok(mut asset)) = (scene, asset) else {
         return;

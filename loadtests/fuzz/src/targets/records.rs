@@ -27,7 +27,7 @@ pub fn run(data: &[u8]) {
     let mut input = Input(data);
     let hashed = input.byte();
     let (plan, build) = (input.sized(), input.sized());
-    let outline = manifest(b"LSS1", input.0);
+    let outline = manifest(b"LSS2", input.0);
     let hashes = [(b'B', KEY), (b'O', ContentHash::of(&outline))];
     let note = |bit: u8, text: &[u8]| {
         let json = with_hashes(text, &hashes);

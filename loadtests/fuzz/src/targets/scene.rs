@@ -1,4 +1,4 @@
-//! Scene manifests (LSS1).
+//! Scene manifests (LSS2).
 
 use lodestream_format::Scene;
 
@@ -12,7 +12,7 @@ pub fn run(data: &[u8]) {
     let mut input = Input(data);
     let message = match input.byte() {
         0 => input.0.to_vec(),
-        _ => manifest(b"LSS1", input.0),
+        _ => manifest(b"LSS2", input.0),
     };
     let Ok(scene) = Scene::decode(&message) else {
         return;

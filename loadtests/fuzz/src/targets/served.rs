@@ -9,6 +9,7 @@ use hyper::service::Service as _;
 use hyper_util::service::TowerToHyperService;
 use lodestream_format::asset::PageEntry;
 use lodestream_format::grid::Grid;
+use lodestream_format::instances::InstanceSteps;
 use lodestream_format::scene::{Instance, SceneAsset};
 use lodestream_format::{Aabb, Asset, ContentHash, Scene};
 use lodestream_server::http::tokens::Tokens;
@@ -173,6 +174,7 @@ async fn fill(library: &Library) -> (Asset, Vec<u8>, [(u8, ContentHash); 3]) {
             name: "a".to_owned(),
             asset: hash,
             materials: vec![],
+            steps: InstanceSteps::default(),
         }],
         instances: vec![Instance {
             asset: 0,

@@ -22,6 +22,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::IngestError;
+use super::arrange::Freedom;
 use super::merge::MergedMesh;
 use crate::build::Neighbours;
 use coincidence::{ENTRY_BYTES, Entry, Places, size_of};
@@ -94,6 +95,8 @@ pub(super) struct Options {
 #[derive(Debug, Default)]
 pub(super) struct Found {
     pub neighbours: Vec<Neighbours>,
+    /// Which instances of each mesh may move a little.
+    pub freedoms: Vec<Freedom>,
     pub warnings: Vec<String>,
 }
 
@@ -109,6 +112,7 @@ pub(super) fn find(
 ) -> Result<Found, IngestError> {
     let mut found = Found {
         neighbours: vec![Neighbours::default(); meshes.len()],
+        freedoms: vec![Freedom::All; meshes.len()],
         warnings: vec![],
     };
     let bytes = options.memory_limit_bytes;
@@ -120,6 +124,7 @@ pub(super) fn find(
     if count as u64 * INSTANCE_BYTES > bytes {
         let line = format!("{count} instances are too many to compare: gaps may show between them");
         found.warnings.push(line);
+        found.freedoms.fill(Freedom::Own);
         return Ok(found);
     }
     let mut placed: Vec<Placed> = instances.flatten().collect();
@@ -151,8 +156,17 @@ pub(super) fn find(
             "{skipped} instances have too many vertices beside others to compare: gaps may show between them"
         ));
     }
+    for (placed, part) in placed.iter().zip(&chosen) {
+        let is_alone = meetings.of_mesh[placed.mesh].is_empty();
+        if !is_alone && (*part != Part::All || placed.size.is_none()) {
+            found.freedoms[placed.mesh] = Freedom::Own;
+        }
+    }
     let rims: Vec<Rim> = rims.into_iter().map(Option::unwrap_or_default).collect();
     let sharing = share(placed, &meetings, &rims, &chosen);
+    for &mesh in &sharing.touching {
+        found.freedoms[mesh] = Freedom::None;
+    }
     for (mesh, fixed) in sharing.fixed.iter().enumerate() {
         let mut vertices: Vec<u32> = fixed.iter().copied().collect();
         vertices.sort_unstable();
@@ -208,6 +222,8 @@ fn choose(placed: &[Placed], rims: &[Option<Rim>], most: usize) -> Vec<Part> {
 pub(super) struct Sharing {
     /// For each mesh the vertices of its rim that stay.
     fixed: Vec<HashSet<u32>>,
+    /// Meshes with a vertex in common with another instance.
+    touching: BTreeSet<usize>,
     /// Pairs of instances with a vertex in common.
     pub(super) pairs: BTreeSet<[u32; 2]>,
 }
@@ -232,9 +248,12 @@ fn share(placed: &[Placed], meetings: &Meetings, rims: &[Rim], chosen: &[Part]) 
             vertex,
         })
     };
+    let open_of = |rim: &Rim| rim.is_open.iter().filter(|open| **open).count();
+    let open: Vec<usize> = rims.iter().map(open_of).collect();
     let count = (0..placed.len()).map(|instance| match chosen[instance] {
         Part::None => 0,
-        Part::Open | Part::All => rims[placed[instance].mesh].positions.len(),
+        Part::Open => open[placed[instance].mesh],
+        Part::All => rims[placed[instance].mesh].positions.len(),
     });
     let mut places = Places::with_capacity(count.sum());
     for (instance, own) in placed.iter().enumerate() {
@@ -266,10 +285,12 @@ fn share(placed: &[Placed], meetings: &Meetings, rims: &[Rim], chosen: &[Part]) 
         .collect();
     let mut sharing = Sharing {
         fixed: vec![HashSet::new(); rims.len()],
+        touching: BTreeSet::new(),
         pairs: BTreeSet::new(),
     };
     for (mesh, fixed, pairs) in found {
         sharing.fixed[mesh].extend(fixed);
+        sharing.touching.insert(mesh);
         let room = MOST_PAIRS.saturating_sub(sharing.pairs.len());
         sharing.pairs.extend(pairs.into_iter().take(room));
     }
