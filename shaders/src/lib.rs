@@ -17,7 +17,9 @@ mod assembly;
 pub mod cpu;
 pub mod passes;
 pub mod scene_rows;
+mod target;
 pub mod types;
 
 pub use arrays::SceneArrays;
 pub use scene_rows::SceneRows;
+pub use target::VisbufferTarget;
