@@ -13,6 +13,7 @@ use lodestream_client::render::{RenderOptions, render};
 use lodestream_client::report::Report;
 use lodestream_client::stream::{StreamLimits, Transport};
 use lodestream_client::view::{ViewOptions, view};
+use lodestream_shaders::VisbufferTarget;
 use lodestream_shaders::types::ShadeMode;
 
 /// Streams scenes of a Lodestream library and draws them.
@@ -62,6 +63,10 @@ struct SceneArgs {
     /// (key R in the window).
     #[arg(long, value_enum, default_value_t = Rasterizer::Auto)]
     raster: Rasterizer,
+    /// Way to the visibility buffer: 64-bit atomics, two rounds of 32-bit ones, or attachments of
+    /// the hardware rasterizer; auto takes u64 where the adapter has it, else two-round.
+    #[arg(long, value_enum, default_value_t = Visbuffer::Auto)]
+    visbuffer: Visbuffer,
     /// Draw hidden geometry too (key O in the window).
     #[arg(long)]
     no_occlusion: bool,
@@ -197,6 +202,25 @@ enum Rasterizer {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
+enum Visbuffer {
+    Auto,
+    U64,
+    TwoRound,
+    Attachment,
+}
+
+impl From<Visbuffer> for Option<VisbufferTarget> {
+    fn from(visbuffer: Visbuffer) -> Self {
+        match visbuffer {
+            Visbuffer::Auto => None,
+            Visbuffer::U64 => Some(VisbufferTarget::U64),
+            Visbuffer::TwoRound => Some(VisbufferTarget::TwoRound),
+            Visbuffer::Attachment => Some(VisbufferTarget::Attachment),
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
 enum By {
     Get,
     Post,
@@ -249,6 +273,7 @@ impl SceneArgs {
             mode: self.mode.into(),
             occlusion: !self.no_occlusion,
             compute_raster: !matches!(self.raster, Rasterizer::Hardware),
+            visbuffer: self.visbuffer.into(),
             adapter: self.adapter.clone(),
             transport: match self.transport {
                 By::Get => Transport::Get,

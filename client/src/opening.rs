@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use futures_util::StreamExt;
 use lodestream_format::limits::PAGE_BYTES;
-use lodestream_shaders::SceneArrays;
 use lodestream_shaders::types::{NO_TEXTURE, ShadeMode, material_flag};
+use lodestream_shaders::{SceneArrays, VisbufferTarget};
 
 use crate::error::ClientError;
 use crate::gpu::{self, Gpu, Renderer, TextureUpload};
@@ -39,6 +39,8 @@ pub struct SessionOptions {
     pub occlusion: bool,
     /// Whether small clusters go to the compute rasterizer, or all to the hardware.
     pub compute_raster: bool,
+    /// Way from the rasterizers to the visbuffer; without it the best that the adapter has.
+    pub visbuffer: Option<VisbufferTarget>,
     /// Whether hidden pages are fetched, after all visible ones: for cameras that move.
     pub fetches_hidden: bool,
     /// Part of the name of the adapter to use.
@@ -65,6 +67,7 @@ impl SessionOptions {
             mode: ShadeMode::Shaded,
             occlusion: true,
             compute_raster: true,
+            visbuffer: None,
             fetches_hidden: false,
             adapter: None,
             transport: Transport::default(),

@@ -79,6 +79,7 @@ pub fn reference(
     report.bytes_fetched += report.texture_bytes_fetched;
     report.pool_bytes = batches.renderer.pool().bytes();
     report.reference_batches = Some(batches.batches);
+    report.visbuffer = batches.renderer.target().name();
     report.passes_recorded = batches.renderer.passes_recorded();
     report.pipelines_built = batches.renderer.pipelines_built();
     batches.drawn.instances = opening.arrays.instances.len() as u64;
@@ -115,6 +116,7 @@ impl<'a> Batches<'a> {
         let words = pool_words(gpu, opening, options.pool_bytes);
         let mut renderer = Renderer::new(gpu, opening.arrays.clone(), words, options.size_px)?;
         renderer.set_mode(options.mode)?;
+        renderer.set_target(options.visbuffer)?;
         let clusters: u64 = opening
             .arrays
             .instances

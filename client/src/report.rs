@@ -55,6 +55,8 @@ pub struct Report {
     pub frame_ms: Option<Percentiles>,
     /// Name and backend of the adapter.
     pub adapter: String,
+    /// Way to the visbuffer: `u64`, `two-round` or `attachment`.
+    pub visbuffer: &'static str,
     /// Passes that ran.
     pub passes_recorded: Vec<&'static str>,
     /// Pipelines that were built.

@@ -90,6 +90,7 @@ impl Session {
         renderer.set_mode(options.mode)?;
         renderer.set_occlusion(options.occlusion);
         renderer.set_compute_raster(options.compute_raster);
+        renderer.set_target(options.visbuffer)?;
         opening.load_textures(&mut renderer, options, &mut report)?;
         let mut session = Self {
             near_metres: near_metres(&opening.arrays, &opening.subject),
@@ -398,6 +399,7 @@ impl Session {
                 .collect(),
             frame_ms: Percentiles::of(&self.frame_ms),
             adapter: self.renderer.gpu.name.clone(),
+            visbuffer: self.renderer.target().name(),
             passes_recorded: self.renderer.passes_recorded(),
             pipelines_built: self.renderer.pipelines_built(),
             ..self.report.clone()

@@ -9,11 +9,12 @@ mod gpu_common;
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use gpu_common::{TestScene, gpu};
+use gpu_common::{TestScene, gpu, used};
 use lodestream_client::gpu::{Renderer, Work};
-use lodestream_format::scene::{Instance, Material, SceneAsset};
-use lodestream_format::{ContentHash, Scene};
+use lodestream_format::Scene;
+use lodestream_format::scene::{Instance, Material};
 use lodestream_server::import::Mesh;
+use lodestream_shaders::VisbufferTarget;
 use lodestream_shaders::cpu::{self, Camera, Capacities, near_for_radius};
 use lodestream_shaders::types::{ClusterItem, POINT_FLAG, ShadeMode, View};
 
@@ -66,11 +67,7 @@ fn crowd(size: [f32; 3], side: u32, spacing: f64) -> TestScene {
         }
     };
     let scene = Scene {
-        assets: vec![SceneAsset {
-            name: "box".to_owned(),
-            asset: ContentHash([0; 32]),
-            materials: vec![0],
-        }],
+        assets: vec![used("box", vec![0])],
         instances: (0..side * side).map(instance).collect(),
         materials: vec![Material {
             name: "paint".to_owned(),
@@ -248,5 +245,44 @@ fn a_far_crowd_keeps_its_mean_cover_and_colour() {
                 "boxes of {size:?} m at {distance} m: mean {color}, not {true_color}"
             );
         }
+    }
+}
+
+/// Every way to the visbuffer shows the same points before and behind the same clusters.
+#[test]
+fn points_are_the_same_on_every_target() {
+    let Some(gpu) = gpu() else { return };
+    let test = crowd([2.0, 2.0, 3.0], 60, 8.0);
+    let mut renderer = test.renderer(&gpu, 1.0, SIZE);
+    // Attachments have no compute rasterizer, whose depths differ in the last bit.
+    renderer.set_compute_raster(false);
+    // Some instances are points, some are not.
+    let view = view_of(&test, DVec3::new(0.3, 0.4, 0.85) * 1300.0, SIZE);
+    let mut pictures = VisbufferTarget::ALL.map(|target| {
+        renderer.set_target(Some(target)).unwrap();
+        renderer.draw(&view, Work::Picture).unwrap();
+        let counters = renderer.collect(true).unwrap().pop().unwrap().counters;
+        assert!(counters.point_count > 0 && counters.visible_count > 0);
+        let words = renderer.read_visbuffer().unwrap();
+        let depths: Vec<u32> = words.iter().map(|word| (word >> 32) as u32).collect();
+        (depths, renderer.read_color().unwrap())
+    });
+    let expected = pictures[0].clone();
+    for (found, target) in pictures.iter_mut().zip(VisbufferTarget::ALL).skip(1) {
+        let apart = found
+            .0
+            .iter()
+            .zip(&expected.0)
+            .filter(|(a, b)| a != b)
+            .count();
+        assert_eq!(apart, 0, "{target:?}: depths");
+        let apart = found
+            .1
+            .iter()
+            .zip(&expected.1)
+            .filter(|(a, b)| a != b)
+            .count();
+        // Two clusters of one instance may meet at one depth.
+        assert!(apart <= 2, "{target:?}: {apart} colours");
     }
 }

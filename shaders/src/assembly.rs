@@ -1,6 +1,7 @@
 //! The WGSL of a pass from its file, the files that it imports, and the pool's declarations.
 
 use crate::passes::{Pass, PoolAccess, PoolBindings};
+use crate::target::VisbufferTarget;
 
 const SHARED: &[(&str, &str)] = &[
     ("types", include_str!("../wgsl/shared/types.wgsl")),
@@ -64,9 +65,21 @@ const SHARED: &[(&str, &str)] = &[
 impl Pass {
     /// The whole WGSL module: every `#import NAME` line brings `wgsl/shared/NAME.wgsl` once, and the
     /// page pool's declarations follow.
+    ///
+    /// `#import visbuffer` brings the file of the target with 64-bit atomics.
     pub fn source(&self, pool: PoolBindings) -> String {
+        self.source_for(pool, VisbufferTarget::U64)
+    }
+
+    /// [`Pass::source`], with `#import visbuffer` bringing the file of `target`. Compute passes have
+    /// no attachments: beside those they write in two rounds.
+    pub fn source_for(&self, pool: PoolBindings, target: VisbufferTarget) -> String {
+        let target = match (target, self.entry_points) {
+            (VisbufferTarget::Attachment, [_]) => VisbufferTarget::TwoRound,
+            (target, _) => target,
+        };
         let mut imported = Vec::new();
-        let mut source = expand(self.file, &mut imported);
+        let mut source = expand(self.file, target, &mut imported);
         source.push_str(&self.pool_source(pool));
         source
     }
@@ -112,15 +125,19 @@ impl Pass {
     }
 }
 
-fn expand(file: &str, imported: &mut Vec<String>) -> String {
+fn expand(file: &str, target: VisbufferTarget, imported: &mut Vec<String>) -> String {
     let mut source = String::new();
     for line in file.lines() {
         match line.strip_prefix("#import ") {
             Some(name) if imported.iter().any(|known| known == name) => {}
             Some(name) => {
                 imported.push(name.to_owned());
-                match SHARED.iter().find(|(known, _)| *known == name) {
-                    Some((_, shared)) => source += &expand(shared, imported),
+                let shared = match name {
+                    "visbuffer" => Some(target.source()),
+                    name => SHARED.iter().find(|file| file.0 == name).map(|file| file.1),
+                };
+                match shared {
+                    Some(shared) => source += &expand(shared, target, imported),
                     // Left as it is: naga names the line, and the test of all passes fails.
                     None => source += &format!("{line}\n"),
                 }

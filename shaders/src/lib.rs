@@ -18,7 +18,9 @@ pub mod cpu;
 pub mod passes;
 pub mod proxies;
 pub mod scene_rows;
+mod target;
 pub mod types;
 
 pub use arrays::SceneArrays;
 pub use scene_rows::SceneRows;
+pub use target::VisbufferTarget;

@@ -294,6 +294,19 @@ pub const RASTER_OVERDRAW: Pass = pass(
     ],
     PoolAccess::Read,
 );
+/// Ids and depths of the attachments into the visbuffer, a thread a pixel.
+pub const RESOLVE: Pass = pass(
+    "resolve",
+    include_str!("../wgsl/resolve.wgsl"),
+    &["resolve"],
+    &[
+        uniform("view"),
+        read("attached_ids"),
+        read("attached_depths"),
+        write("visbuffer"),
+    ],
+    PoolAccess::None,
+);
 /// The visbuffer's depths to the pyramid of farthest depths, 64 x 64 pixels a workgroup.
 pub const BUILD_HZB: Pass = pass(
     "build_hzb",
@@ -350,7 +363,7 @@ pub const PRESENT: Pass = pass(
 );
 
 /// Every pass in frame order.
-pub const ALL: [Pass; 21] = [
+pub const ALL: [Pass; 22] = [
     RESTORE,
     RESTORE_NORMALS,
     TRANSCODE,
@@ -367,6 +380,7 @@ pub const ALL: [Pass; 21] = [
     RASTER_POINTS,
     RASTER_MASKED,
     RASTER_OVERDRAW,
+    RESOLVE,
     BUILD_HZB,
     BUILD_HZB_TOP,
     SHADE,
@@ -375,6 +389,11 @@ pub const ALL: [Pass; 21] = [
 ];
 
 impl Pass {
+    /// Whether it is a rasterizer that writes the visbuffer, so that its WGSL depends on the target.
+    pub fn has_target(&self) -> bool {
+        self.file.lines().any(|line| line == "#import visbuffer")
+    }
+
     /// The storage buffers that one stage binds, without the pool.
     pub fn storage_buffers(&self) -> u32 {
         let stored = |binding: &&Binding| binding.access != Access::Uniform;

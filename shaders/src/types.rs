@@ -88,6 +88,10 @@ pub mod view_flag {
     pub const HARDWARE: u32 = 8;
     /// Some material of the scene can hide a fragment.
     pub const MASKED: u32 = 16;
+    /// Of the second round of a visbuffer without 64-bit atomics: ids at the depths of the first.
+    pub const SECOND_ROUND: u32 = 256;
+    /// The hardware draws all visible clusters in the order of their indices.
+    pub const ORDERED: u32 = 512;
 }
 
 /// What `shade` shows.

@@ -47,6 +47,8 @@ fn rust_constants() -> BTreeMap<&'static str, f64> {
         ("NO_TEXTURE", NO_TEXTURE as usize),
         ("VIEW_FLAG_HARDWARE", view_flag::HARDWARE as usize),
         ("VIEW_FLAG_MASKED", view_flag::MASKED as usize),
+        ("VIEW_FLAG_SECOND_ROUND", view_flag::SECOND_ROUND as usize),
+        ("VIEW_FLAG_ORDERED", view_flag::ORDERED as usize),
         ("HIDDEN_FLAG", visit::HIDDEN_FLAG as usize),
         ("WHOLE_INSTANCE", visit::WHOLE_INSTANCE as usize),
         ("REQUEST_WORDS", visit::REQUEST_WORDS),

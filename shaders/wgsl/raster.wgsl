@@ -1,12 +1,12 @@
 // Visible clusters to the visbuffer, by the hardware rasterizer: both sides of every triangle, whatever its material.
 //
-// Draw: `draw_indirect` with 384 vertices, an instance a visible cluster, triangle list, no culling, no depth attachment.
-// wgpu wants one attachment: an R8Unorm colour target with an empty write mask; the fragment stage returns nothing, which
-// wgpu accepts for a target whose output is missing.
+// Draw: `draw_indirect` with 384 vertices, an instance a visible cluster, triangle list, no culling.
+// The result is the id: kept by the target with attachments, masked out for the others.
 // Depth is position.z, which the hardware interpolates linearly in screen space, also for clipped triangles.
 #import types
 #import fetch_vertex
 #import hardware_list
+#import visbuffer
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
@@ -14,7 +14,7 @@
 @group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
 @group(0) @binding(4) var<storage, read> args: IndirectArgs;
 @group(0) @binding(5) var<storage, read> draw_lists: array<u32>;
-@group(0) @binding(6) var<storage, read_write> visbuffer: array<atomic<u64>>;
+@group(0) @binding(6) var<storage, read_write> visbuffer: array<VisbufferWord>;
 
 struct Fragment {
     @invariant @builtin(position) position: vec4<f32>,
@@ -29,7 +29,8 @@ fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_ind
 }
 
 @fragment
-fn raster_fragment(fragment: Fragment) {
-    let word = (u64(bitcast<u32>(fragment.position.z)) << 32u) | u64(fragment.id);
-    atomicMax(&visbuffer[pixel_index(fragment.position)], word);
+fn raster_fragment(fragment: Fragment) -> @location(0) u32 {
+    let depth_bits = bitcast<u32>(fragment.position.z);
+    store_visbuffer(pixel_index(fragment.position), depth_bits, fragment.id);
+    return fragment.id;
 }

@@ -4,6 +4,7 @@
 #import types
 #import fetch_vertex
 #import material
+#import visbuffer
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
@@ -11,7 +12,7 @@
 @group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
 @group(0) @binding(4) var<storage, read> args: IndirectArgs;
 @group(0) @binding(5) var<storage, read> draw_lists: array<u32>;
-@group(0) @binding(6) var<storage, read_write> visbuffer: array<atomic<u64>>;
+@group(0) @binding(6) var<storage, read_write> visbuffer: array<VisbufferWord>;
 
 const CLUSTER_THREADS: u32 = 64u;
 const HALF_PIXEL: i32 = 128;
@@ -81,8 +82,8 @@ fn draw_triangle(corner_a: vec3<i32>, corner_b: vec3<i32>, corner_c: vec3<i32>, 
                 let interpolated = depth_a + f32(in_b - bias_b) * slope_b + f32(in_c - bias_c) * slope_c;
                 let depth = clamp(interpolated, least, most);
                 let pixel = vec2<u32>(first_px + vec2<i32>(x, y));
-                let word = (u64(bitcast<u32>(depth)) << 32u) | u64(id);
-                atomicMax(&visbuffer[pixel.y * view.size_px.x + pixel.x], word);
+                let index = pixel.y * view.size_px.x + pixel.x;
+                store_visbuffer(index, bitcast<u32>(depth), id);
             }
             in_a -= step_a.y;
             in_b -= step_b.y;

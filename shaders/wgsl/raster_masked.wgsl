@@ -8,6 +8,7 @@
 #import hardware_list
 #import material
 #import sample_texture
+#import visbuffer
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
@@ -15,7 +16,7 @@
 @group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
 @group(0) @binding(4) var<storage, read> args: IndirectArgs;
 @group(0) @binding(5) var<storage, read> draw_lists: array<u32>;
-@group(0) @binding(6) var<storage, read_write> visbuffer: array<atomic<u64>>;
+@group(0) @binding(6) var<storage, read_write> visbuffer: array<VisbufferWord>;
 @group(0) @binding(7) var<storage, read> texels: array<u32>;
 
 // How far below the cutoff alpha may come out of f32 arithmetic, and of the eight bits of a vertex.
@@ -57,16 +58,14 @@ fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_ind
 }
 
 @fragment
-fn raster_fragment(fragment: Fragment, @builtin(front_facing) front_facing: bool) {
+fn raster_fragment(fragment: Fragment, @builtin(front_facing) front_facing: bool) -> @location(0) u32 {
     // Derivatives first: they need every lane of the quad.
     let uv_dx = dpdx(fragment.uv);
     let uv_dy = dpdy(fragment.uv);
     let material = load_material(fragment.material);
     let front = front_facing != (fragment.mirrored != 0u);
-    if !front && (material.flags & MATERIAL_DOUBLE_SIDED) == 0u {
-        return;
-    }
-    if (material.flags & MATERIAL_MASK) != 0u {
+    var hidden = !front && (material.flags & MATERIAL_DOUBLE_SIDED) == 0u;
+    if !hidden && (material.flags & MATERIAL_MASK) != 0u {
         var alpha = material.base_color.a * fragment.alpha;
         var cutoff = material.alpha_cutoff;
         if material.texture != NO_TEXTURE {
@@ -77,10 +76,12 @@ fn raster_fragment(fragment: Fragment, @builtin(front_facing) front_facing: bool
             alpha *= mask_alpha(record, material.flags, fragment.uv, uv_dx, uv_dy, lod, cut.y);
         }
         // A fragment whose alpha equals the cutoff is kept.
-        if alpha + ALPHA_SLACK < cutoff {
-            return;
-        }
+        hidden = alpha + ALPHA_SLACK < cutoff;
     }
-    let word = (u64(bitcast<u32>(fragment.position.z)) << 32u) | u64(fragment.id);
-    atomicMax(&visbuffer[pixel_index(fragment.position)], word);
+    if hidden {
+        discard;
+    }
+    let depth_bits = bitcast<u32>(fragment.position.z);
+    store_visbuffer(pixel_index(fragment.position), depth_bits, fragment.id);
+    return fragment.id;
 }

@@ -1,10 +1,11 @@
 // Points to the visbuffer, a thread a point. They lie at the end of the visible items, last first.
 #import view
+#import visbuffer
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> clusters: array<ClusterItem>;
 @group(0) @binding(2) var<storage, read_write> counters: Counters;
-@group(0) @binding(3) var<storage, read_write> visbuffer: array<atomic<u64>>;
+@group(0) @binding(3) var<storage, read_write> visbuffer: array<VisbufferWord>;
 
 @compute @workgroup_size(64)
 fn raster_points(
@@ -17,6 +18,5 @@ fn raster_points(
     }
     let visible_index = view.cluster_capacity - 1u - index;
     let item = clusters[view.cluster_capacity + visible_index];
-    let word = (u64(item.page_word) << 32u) | u64(visible_index << TRIANGLE_BITS);
-    atomicMax(&visbuffer[item.page & 0x7fffffffu], word);
+    store_visbuffer(item.page & 0x7fffffffu, item.page_word, visible_index << TRIANGLE_BITS);
 }

@@ -14,7 +14,7 @@
 @group(0) @binding(1) var<storage, read> scene: array<vec4<u32>>;
 @group(0) @binding(2) var<storage, read> instances: array<InstanceRecord>;
 @group(0) @binding(3) var<storage, read> clusters: array<ClusterItem>;
-// x is the id, y the depth's bits: the two halves of the u64 that `raster` wrote.
+// x is the id, y the depth's bits.
 @group(0) @binding(4) var<storage, read> visbuffer: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read> texels: array<u32>;
 @group(0) @binding(6) var<storage, read_write> color: array<u32>;

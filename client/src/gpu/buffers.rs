@@ -62,6 +62,11 @@ pub fn upload<T: Pod>(gpu: &Gpu, name: &str, values: &[T]) -> Result<wgpu::Buffe
     Ok(buffer)
 }
 
+/// Bytes of a row of 32-bit texels in a copy of an attachment.
+pub fn row_bytes(width_px: u32) -> u32 {
+    (4 * width_px).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
+}
+
 /// How large the frame's queues are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Capacities {
@@ -124,6 +129,7 @@ pub struct Buffers {
     rows: FirstRows,
     capacities: Capacities,
     size_px: [u32; 2],
+    has_attached: bool,
 }
 
 /// The buffers under the names that the passes bind, the pool's among them.
@@ -132,6 +138,7 @@ pub struct Named<'a> {
     buffers: &'a Buffers,
     pool: &'a [wgpu::Buffer],
     is_late: bool,
+    is_second: bool,
 }
 
 impl<'a> Named<'a> {
@@ -139,6 +146,7 @@ impl<'a> Named<'a> {
     pub fn get(&self, name: &str) -> Option<&'a wgpu::Buffer> {
         let name = match name {
             "occluder" if self.is_late => "late_occluder",
+            "view" if self.is_second => "second_view",
             name => name,
         };
         match name.strip_prefix("pool_").map(str::parse::<usize>) {
@@ -168,7 +176,7 @@ impl Buffers {
         let none = BufferUsages::empty();
         frame("page_priority", pages * size_of::<RequestWords>(), none)?;
         frame("requests", pages * size_of::<RequestRecord>(), none)?;
-        for view in ["view", "occluder", "late_occluder"] {
+        for view in ["view", "second_view", "occluder", "late_occluder"] {
             frame(view, size_of::<View>(), BufferUsages::UNIFORM)?;
         }
         frame("counters", size_of::<Counters>(), none)?;
@@ -182,6 +190,7 @@ impl Buffers {
                 clusters: 0,
             },
             size_px: [0; 2],
+            has_attached: false,
         };
         // Whatever happens later, every instance's root node finds room.
         let mut capacities = Capacities::default();
@@ -198,6 +207,15 @@ impl Buffers {
             buffers: self,
             pool,
             is_late: false,
+            is_second: false,
+        }
+    }
+
+    /// These buffers and the pool's, for the second round of a visbuffer without 64-bit atomics.
+    pub fn named_second<'a>(&'a self, pool: &'a [wgpu::Buffer]) -> Named<'a> {
+        Named {
+            is_second: true,
+            ..self.named(pool)
         }
     }
 
@@ -286,6 +304,21 @@ impl Buffers {
             self.by_name.insert(name, create(gpu, name, bytes, usage)?);
         }
         self.size_px = size_px;
+        self.set_attached(gpu, self.has_attached)
+    }
+
+    /// Makes the copies of the attachments of ids and depths, or drops them.
+    pub fn set_attached(&mut self, gpu: &Gpu, on: bool) -> Result<(), GpuError> {
+        self.has_attached = on;
+        for name in ["attached_ids", "attached_depths"] {
+            if on {
+                let bytes = row_bytes(self.size_px[0]) as u64 * self.size_px[1] as u64;
+                let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+                self.by_name.insert(name, create(gpu, name, bytes, usage)?);
+            } else {
+                self.by_name.remove(name);
+            }
+        }
         Ok(())
     }
 }

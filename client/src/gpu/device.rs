@@ -1,4 +1,5 @@
-//! The adapter and the device: Vulkan first, real before software, with the features that the passes cannot do without.
+//! The adapter and the device: Vulkan first, real before software, with 64-bit atomics where the adapter
+//! has them.
 
 use std::future::Future;
 use std::pin::pin;
@@ -8,8 +9,9 @@ use wgpu::{Backend, DeviceType, Features};
 
 use super::error::GpuError;
 
-/// 64-bit atomic maximum on the visbuffer is what lets every rasterizer write it.
-pub const REQUIRED_FEATURES: Features =
+/// 64-bit atomic maximum: the cheapest way to the visbuffer. Adapters without it take two rounds of
+/// 32 bits.
+pub const WIDE_ATOMICS: Features =
     Features::SHADER_INT64.union(Features::SHADER_INT64_ATOMIC_MIN_MAX);
 
 /// Device, queue and what is known of the adapter.
@@ -25,9 +27,11 @@ pub struct Gpu {
     pub name: String,
     /// Whether `gpu_ms` can be measured.
     pub has_timestamps: bool,
+    /// Whether the visbuffer can be written by 64-bit atomics.
+    pub has_wide_atomics: bool,
 }
 
-/// An instance of the backends that can hold the required features.
+/// An instance of the backends that the passes run on.
 pub fn instance() -> wgpu::Instance {
     wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
@@ -43,21 +47,29 @@ impl Gpu {
         wanted: Option<&str>,
         surface: Option<&wgpu::Surface<'_>>,
     ) -> Result<(Self, wgpu::Adapter), GpuError> {
+        Self::open_without(instance, wanted, surface, Features::empty())
+    }
+
+    /// [`Gpu::open`] as on an adapter that lacks `absent`.
+    pub fn open_without(
+        instance: &wgpu::Instance,
+        wanted: Option<&str>,
+        surface: Option<&wgpu::Surface<'_>>,
+        absent: Features,
+    ) -> Result<(Self, wgpu::Adapter), GpuError> {
         let adapter = choose(instance, wanted, surface)?;
         let info = adapter.get_info();
         let name = describe(&info);
-        let missing = REQUIRED_FEATURES.difference(adapter.features());
-        if !missing.is_empty() {
-            return Err(GpuError::MissingFeatures {
-                adapter: name,
-                missing: names(missing),
-            });
-        }
         let limits = adapter.limits();
-        let optional = adapter.features() & Features::TIMESTAMP_QUERY;
+        let found = adapter.features().difference(absent);
+        let has_wide_atomics = found.contains(WIDE_ATOMICS);
+        let mut features = found & Features::TIMESTAMP_QUERY;
+        if has_wide_atomics {
+            features |= WIDE_ATOMICS;
+        }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("lodestream"),
-            required_features: REQUIRED_FEATURES | optional,
+            required_features: features,
             required_limits: limits.clone(),
             ..Default::default()
         };
@@ -71,7 +83,8 @@ impl Gpu {
             queue,
             limits,
             name,
-            has_timestamps: optional.contains(Features::TIMESTAMP_QUERY),
+            has_timestamps: features.contains(Features::TIMESTAMP_QUERY),
+            has_wide_atomics,
         };
         Ok((gpu, adapter))
     }
@@ -79,10 +92,15 @@ impl Gpu {
     /// A device that computes nothing but validates everything, within the limits that every WebGPU
     /// adapter has: pipelines are checked on it where no adapter is.
     pub fn noop() -> Self {
+        Self::noop_with(WIDE_ATOMICS)
+    }
+
+    /// [`Gpu::noop`] with `features` and no others.
+    pub fn noop_with(features: Features) -> Self {
         let limits = wgpu::Limits::default();
         let (device, queue) = wgpu::Device::noop(&wgpu::DeviceDescriptor {
             label: Some("noop"),
-            required_features: REQUIRED_FEATURES,
+            required_features: features,
             required_limits: limits.clone(),
             ..Default::default()
         });
@@ -92,6 +110,7 @@ impl Gpu {
             limits,
             name: "noop".to_owned(),
             has_timestamps: false,
+            has_wide_atomics: features.contains(WIDE_ATOMICS),
         }
     }
 
@@ -149,7 +168,7 @@ fn choose(
             DeviceType::Other => 3,
             DeviceType::Cpu => 4,
         };
-        let able = adapter.features().contains(REQUIRED_FEATURES);
+        let able = adapter.features().contains(WIDE_ATOMICS);
         (!able, kind, info.backend != Backend::Vulkan)
     };
     let wanted_text = wanted.map_or(String::new(), |wanted| format!(" named like {wanted:?}"));
@@ -162,11 +181,6 @@ fn choose(
 
 fn describe(info: &wgpu::AdapterInfo) -> String {
     format!("{} ({:?})", info.name, info.backend)
-}
-
-fn names(features: Features) -> String {
-    let names: Vec<_> = features.iter_names().map(|(name, _)| name).collect();
-    names.join(", ")
 }
 
 /// wgpu's native futures are ready when they are made or after a poll of the device; none of them needs an executor.

@@ -9,14 +9,6 @@ pub enum GpuError {
          `apt-get install mesa-vulkan-drivers` brings a software one"
     )]
     NoAdapter(String),
-    /// The adapters lack what the passes need.
-    #[error("adapter {adapter}: expected the features {missing}, found neither of them or not all")]
-    MissingFeatures {
-        /// Name and backend.
-        adapter: String,
-        /// Names of the absent features.
-        missing: String,
-    },
     /// The adapter's limits are too small.
     #[error("adapter {adapter}: expected {expected}, found {found}")]
     Limit {

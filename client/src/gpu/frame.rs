@@ -87,11 +87,15 @@ impl Passes {
         }
     }
 
-    /// Draws the instances below a pixel.
-    fn record_points(&self, recorder: &mut Recorder<'_>) {
-        let points = self.picture.as_ref().and_then(|it| it.points.as_ref());
-        if let Some(points) = points {
+    /// Draws the instances below a pixel, and the clusters of the early pass.
+    fn record_early(&self, recorder: &mut Recorder<'_>) {
+        let Some(picture) = &self.picture else { return };
+        if let Some(points) = &picture.points {
             points.record(recorder);
+        }
+        picture.raster.record(recorder);
+        if let Some(points) = &picture.points {
+            points.record_ids(recorder);
         }
     }
 
@@ -147,8 +151,7 @@ pub fn record(
     if work.draws() {
         passes.clear_picture(&mut recorder.encoder, buffers);
         passes.cull.record_clusters(recorder);
-        passes.record_points(recorder);
-        passes.record_picture(recorder);
+        passes.record_early(recorder);
         passes.record_occlusion(recorder, steps);
     }
     if work == Work::Picture {

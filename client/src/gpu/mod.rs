@@ -20,11 +20,12 @@ mod readback;
 mod recorder;
 mod renderer;
 mod snapshot;
+mod target;
 mod textures;
 mod timestamps;
 
 pub use buffers::{Buffers, Capacities};
-pub use device::{Gpu, REQUIRED_FEATURES, instance};
+pub use device::{Gpu, WIDE_ATOMICS, instance};
 pub use error::GpuError;
 pub use frame::Work;
 pub use passes::PageUpload;

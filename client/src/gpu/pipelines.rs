@@ -3,15 +3,20 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use lodestream_shaders::passes::{Pass, PoolBindings};
+use lodestream_shaders::VisbufferTarget;
+use lodestream_shaders::passes::{ALL, Pass, PoolBindings};
 
 use super::bindings::{Layout, Stages, layout};
 use super::buffers::Named;
 use super::device::Gpu;
 use super::error::GpuError;
+use super::target::ForDevice as _;
 
-/// Format of the attachment that a raster pass must have but never writes: WebGPU has no attachment-free passes.
-pub const NO_COLOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+/// Format of the rasterizers' attachment of ids. Most targets never write it, but WebGPU has no
+/// attachment-free passes.
+pub const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+/// Format of the attachment of depths.
+pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
 /// A pass ready to be bound.
 #[derive(Debug)]
@@ -40,6 +45,7 @@ pub struct Bound {
 pub struct Pipelines {
     gpu: Gpu,
     pool: PoolBindings,
+    target: VisbufferTarget,
     built: BTreeMap<&'static str, Arc<BuiltPass>>,
 }
 
@@ -49,7 +55,25 @@ impl Pipelines {
         Self {
             gpu: gpu.clone(),
             pool,
+            target: VisbufferTarget::for_device(gpu),
             built: BTreeMap::new(),
+        }
+    }
+
+    /// The way to the visbuffer.
+    pub fn target(&self) -> VisbufferTarget {
+        self.target
+    }
+
+    /// Another way to the visbuffer; the rasterizers are built anew.
+    pub fn set_target(&mut self, target: VisbufferTarget) {
+        if target != self.target {
+            self.target = target;
+            let varied = |name: &str| {
+                ALL.iter()
+                    .any(|pass| pass.name == name && pass.has_target())
+            };
+            self.built.retain(|name, _| !varied(name));
         }
     }
 
@@ -118,7 +142,7 @@ impl Pipelines {
         pass: &Pass,
         target: Option<wgpu::TextureFormat>,
     ) -> Result<BuiltPass, GpuError> {
-        let source = pass.source(self.pool);
+        let source = pass.source_for(self.pool, self.target);
         let draws = pass.stages() == wgpu::ShaderStages::VERTEX_FRAGMENT;
         let layout = layout(&self.gpu, pass, self.pool)?;
         let wrong = |reason| GpuError::Pass {
@@ -185,13 +209,22 @@ impl Pipelines {
         target: Option<wgpu::TextureFormat>,
     ) -> wgpu::RenderPipeline {
         let module = self.module(pass, source);
+        let attaches = pass.has_target() && self.target == VisbufferTarget::Attachment;
         let color = wgpu::ColorTargetState {
-            format: target.unwrap_or(NO_COLOR_FORMAT),
+            format: target.unwrap_or(ID_FORMAT),
             blend: None,
-            write_mask: match target {
-                Some(_) => wgpu::ColorWrites::ALL,
-                None => wgpu::ColorWrites::empty(),
+            write_mask: match target.is_some() || attaches {
+                true => wgpu::ColorWrites::ALL,
+                false => wgpu::ColorWrites::empty(),
             },
+        };
+        // Clusters come in the order of their ids, so the last of equal depths has the largest id.
+        let depth = wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
+            stencil: Default::default(),
+            bias: Default::default(),
         };
         self.gpu
             .device
@@ -206,7 +239,7 @@ impl Pipelines {
                 },
                 // Back faces are drawn too: the nearest surface wins, and shading knows which side it sees.
                 primitive: wgpu::PrimitiveState::default(),
-                depth_stencil: None,
+                depth_stencil: attaches.then_some(depth),
                 multisample: wgpu::MultisampleState::default(),
                 fragment: Some(wgpu::FragmentState {
                     module: &module,

@@ -84,13 +84,14 @@ impl<'a> Recorder<'a> {
         });
     }
 
-    /// A span named `name` that draws `bound` with the arguments at `offset` bytes of `args`, into
-    /// nothing but its storage buffers; `unwritten` is the attachment that a pass must have.
+    /// A span named `name` that draws `bound` with the arguments at `offset` bytes of `args`. The
+    /// ids are kept where there is an attachment of depths.
     pub fn draw_indirect(
         &mut self,
         name: &'static str,
         bound: &Bound,
-        unwritten: &wgpu::TextureView,
+        ids: &wgpu::TextureView,
+        depths: Option<&wgpu::TextureView>,
         args: &wgpu::Buffer,
         offset: usize,
     ) {
@@ -102,10 +103,21 @@ impl<'a> Recorder<'a> {
         });
         self.spans.push(name);
         note(&mut self.passes, bound);
+        let store = match depths {
+            Some(_) => wgpu::StoreOp::Store,
+            None => wgpu::StoreOp::Discard,
+        };
         let mut pass = self.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some(bound.name()),
-            color_attachments: &[Some(attachment(unwritten, wgpu::StoreOp::Discard))],
-            depth_stencil_attachment: None,
+            color_attachments: &[Some(attachment(ids, store))],
+            depth_stencil_attachment: depths.map(|view| wgpu::RenderPassDepthStencilAttachment {
+                view,
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(0.0),
+                    store,
+                }),
+                stencil_ops: None,
+            }),
             timestamp_writes,
             occlusion_query_set: None,
             multiview_mask: None,

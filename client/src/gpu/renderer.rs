@@ -9,7 +9,7 @@ use lodestream_shaders::types::{
     ClusterItem, IndirectArgs, MaterialRecord, NOT_INSTALLED, ShadeMode, TextureRecord, View,
     view_flag,
 };
-use lodestream_shaders::{SceneArrays, SceneRows};
+use lodestream_shaders::{SceneArrays, SceneRows, VisbufferTarget};
 
 use super::buffers::{Buffers, Capacities};
 use super::device::Gpu;
@@ -32,7 +32,7 @@ pub struct Renderer {
     pub(super) arrays: Arc<SceneArrays>,
     pub(super) instances: Instances,
     pool: Pool,
-    pipelines: Pipelines,
+    pub(super) pipelines: Pipelines,
     pub(super) buffers: Buffers,
     /// Of frames that do not draw, and of those that do.
     passes: [Option<Passes>; 2],
@@ -154,7 +154,8 @@ impl Renderer {
 
     /// Overdraw counts fragments of the hardware, so it draws all.
     fn draws_by_compute(&self) -> bool {
-        self.by_compute && self.mode != ShadeMode::Overdraw
+        let has_compute = self.target() != VisbufferTarget::Attachment;
+        self.by_compute && has_compute && self.mode != ShadeMode::Overdraw
     }
 
     /// Turns occlusion culling off, or on again.
@@ -436,7 +437,11 @@ impl Renderer {
             request_capacity: self.arrays.page_count,
             flags: view.flags
                 | flag(view_flag::HARDWARE, !by_compute)
-                | flag(view_flag::MASKED, self.is_masked),
+                | flag(view_flag::MASKED, self.is_masked)
+                | flag(
+                    view_flag::ORDERED,
+                    self.target() == VisbufferTarget::Attachment,
+                ),
             ..*view
         }
         .with_rows(self.buffers.first_rows())
@@ -445,6 +450,11 @@ impl Renderer {
     fn write_view(&self, view: &View) -> View {
         let view = self.filled(view);
         self.write_buffer("view", bytemuck::bytes_of(&view));
+        let second = View {
+            flags: view.flags | view_flag::SECOND_ROUND,
+            ..view
+        };
+        self.write_buffer("second_view", bytemuck::bytes_of(&second));
         view
     }
 

@@ -3,7 +3,7 @@
 use super::device::Gpu;
 
 /// Most timed passes a frame.
-const MOST_SPANS: u32 = 16;
+const MOST_SPANS: u32 = 32;
 /// Bytes that the readback of one frame's timestamps takes.
 pub const TIMESTAMP_BYTES: u64 = MOST_SPANS as u64 * 2 * 8;
 

@@ -6,6 +6,8 @@ const TRIANGLE_BITS: u32 = 7u;
 const VIEW_FLAG_REFERENCE: u32 = 1u;
 const VIEW_FLAG_HARDWARE: u32 = 8u;
 const VIEW_FLAG_MASKED: u32 = 16u;
+const VIEW_FLAG_SECOND_ROUND: u32 = 256u;
+const VIEW_FLAG_ORDERED: u32 = 512u;
 
 // Threads of a workgroup of a 1D pass, and workgroups along x before y counts on.
 const WORKGROUP_THREADS: u32 = 64u;

@@ -6,6 +6,7 @@ mod points;
 mod present;
 mod raster;
 mod requests;
+mod resolve;
 mod shade;
 mod transcode;
 
@@ -15,6 +16,7 @@ pub use points::Points;
 pub use present::Present;
 pub use raster::Raster;
 pub use requests::Requests;
+pub use resolve::Attachments;
 pub use shade::Shade;
 pub use transcode::{PageUpload, Transcode};
 
@@ -42,6 +44,14 @@ impl Parts<'_> {
         pass: &lodestream_shaders::passes::Pass,
     ) -> Result<super::pipelines::Bound, GpuError> {
         self.pipelines.bind(pass, &self.buffers.named(self.pool))
+    }
+
+    fn bind_second(
+        &mut self,
+        pass: &lodestream_shaders::passes::Pass,
+    ) -> Result<super::pipelines::Bound, GpuError> {
+        self.pipelines
+            .bind(pass, &self.buffers.named_second(self.pool))
     }
 
     fn bind_late(

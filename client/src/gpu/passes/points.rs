@@ -1,6 +1,6 @@
 //! Instances below a pixel to the visbuffer.
 
-use lodestream_shaders::passes;
+use lodestream_shaders::{VisbufferTarget, passes};
 
 use super::Parts;
 use crate::gpu::error::GpuError;
@@ -11,6 +11,8 @@ use crate::gpu::recorder::{Recorder, workgroups};
 #[derive(Debug)]
 pub struct Points {
     raster_points: Bound,
+    /// Ids, where the first round writes depths alone.
+    second: Option<Bound>,
     instance_count: u32,
 }
 
@@ -20,17 +22,33 @@ impl Points {
         if instance_count < 2 {
             return Ok(None);
         }
-        let raster_points = parts.bind(&passes::RASTER_POINTS)?;
         Ok(Some(Self {
-            raster_points,
+            raster_points: parts.bind(&passes::RASTER_POINTS)?,
+            second: match parts.pipelines.target() {
+                VisbufferTarget::U64 => None,
+                VisbufferTarget::TwoRound | VisbufferTarget::Attachment => {
+                    Some(parts.bind_second(&passes::RASTER_POINTS)?)
+                }
+            },
             instance_count,
         }))
     }
 
     /// A thread an instance: there are at most so many points.
     pub fn record(&self, recorder: &mut Recorder<'_>) {
-        recorder.compute("raster_points", |dispatches| {
-            dispatches.run(&self.raster_points, workgroups(self.instance_count));
+        self.run(recorder, "raster_points", &self.raster_points);
+    }
+
+    /// The second round, where the target has one: after the clusters' depths.
+    pub fn record_ids(&self, recorder: &mut Recorder<'_>) {
+        if let Some(second) = &self.second {
+            self.run(recorder, "raster_points_ids", second);
+        }
+    }
+
+    fn run(&self, recorder: &mut Recorder<'_>, span: &'static str, pass: &Bound) {
+        recorder.compute(span, |dispatches| {
+            dispatches.run(pass, workgroups(self.instance_count));
         });
     }
 }

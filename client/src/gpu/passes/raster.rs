@@ -3,24 +3,33 @@
 
 use std::mem::offset_of;
 
-use lodestream_shaders::SceneArrays;
 use lodestream_shaders::cpu::needs_masked;
-use lodestream_shaders::passes;
 use lodestream_shaders::types::IndirectArgs;
+use lodestream_shaders::{SceneArrays, VisbufferTarget, passes};
 
-use super::Parts;
+use super::{Attachments, Parts};
 use crate::gpu::error::GpuError;
-use crate::gpu::pipelines::{Bound, NO_COLOR_FORMAT};
+use crate::gpu::pipelines::Bound;
 use crate::gpu::recorder::Recorder;
+
+/// Spans of a round: the compute rasterizer's and the hardware's.
+type Spans = [&'static str; 2];
 
 /// The draw of the visbuffer, and the fragment counts where the overdraw picture asks for them.
 #[derive(Debug)]
 pub struct Raster {
+    first: Round,
+    /// Ids, where the first round writes depths alone.
+    second: Option<Round>,
+    raster_overdraw: Option<Bound>,
+    attachments: Attachments,
+    args: wgpu::Buffer,
+}
+
+#[derive(Debug)]
+struct Round {
     raster: Bound,
     raster_compute: Option<Bound>,
-    raster_overdraw: Option<Bound>,
-    unwritten: wgpu::TextureView,
-    args: wgpu::Buffer,
 }
 
 impl Raster {
@@ -35,40 +44,31 @@ impl Raster {
             true => &passes::RASTER_MASKED,
             false => &passes::RASTER,
         };
-        let [width, height] = parts.buffers.size_px();
-        let largest = parts.gpu.limits.max_texture_dimension_2d;
-        if width > largest || height > largest {
-            return Err(GpuError::Limit {
-                adapter: parts.gpu.name.clone(),
-                expected: format!("a picture of {width}x{height} pixels"),
-                found: format!("at most {largest} pixels an axis"),
-            });
-        }
-        let texture = parts.gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("unwritten"),
-            size: wgpu::Extent3d {
-                width,
-                height,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: NO_COLOR_FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        });
-        Ok(Self {
+        let first = Round {
             raster: parts.bind(pass)?,
             raster_compute: match by_compute {
                 true => Some(parts.bind(&passes::RASTER_COMPUTE)?),
                 false => None,
             },
+        };
+        let second = match parts.pipelines.target() {
+            VisbufferTarget::TwoRound => Some(Round {
+                raster: parts.bind_second(pass)?,
+                raster_compute: match by_compute {
+                    true => Some(parts.bind_second(&passes::RASTER_COMPUTE)?),
+                    false => None,
+                },
+            }),
+            VisbufferTarget::U64 | VisbufferTarget::Attachment => None,
+        };
+        Ok(Self {
+            first,
+            second,
             raster_overdraw: match overdraw {
                 true => Some(parts.bind(&passes::RASTER_OVERDRAW)?),
                 false => None,
             },
-            unwritten: texture.create_view(&Default::default()),
+            attachments: Attachments::new(parts)?,
             args: parts.buffers.get("args").clone(),
         })
     }
@@ -80,25 +80,58 @@ impl Raster {
 
     /// Draws the clusters of the early pass.
     pub fn record(&self, recorder: &mut Recorder<'_>) {
-        self.record_as(recorder, self.raster.name(), "raster_compute");
+        let raster = self.first.raster.name();
+        self.record_round(recorder, &self.first, ["raster_compute", raster]);
+        if let Some(second) = &self.second {
+            self.record_round(recorder, second, ["raster_compute_ids", "raster_ids"]);
+        }
+        self.record_rest(recorder, "resolve");
     }
 
     /// Draws the clusters of the late pass.
     pub fn record_late(&self, recorder: &mut Recorder<'_>) {
-        self.record_as(recorder, "late_raster", "late_raster_compute");
+        let spans = ["late_raster_compute", "late_raster"];
+        self.record_round(recorder, &self.first, spans);
+        if let Some(second) = &self.second {
+            let spans = ["late_raster_compute_ids", "late_raster_ids"];
+            self.record_round(recorder, second, spans);
+        }
+        self.record_rest(recorder, "late_resolve");
     }
 
-    fn record_as(&self, recorder: &mut Recorder<'_>, span: &'static str, compute: &'static str) {
-        if let Some(pass) = &self.raster_compute {
-            recorder.compute(compute, |dispatches| {
+    fn record_round(&self, recorder: &mut Recorder<'_>, round: &Round, spans: Spans) {
+        if let Some(pass) = &round.raster_compute {
+            recorder.compute(spans[0], |dispatches| {
                 let offset = offset_of!(IndirectArgs, compute);
                 dispatches.run_indirect(pass, &self.args, offset);
             });
         }
-        let offset = offset_of!(IndirectArgs, raster);
-        recorder.draw_indirect(span, &self.raster, &self.unwritten, &self.args, offset);
+        let depths = self.attachments.depths();
+        self.draw(recorder, &round.raster, spans[1], depths);
+    }
+
+    fn record_rest(&self, recorder: &mut Recorder<'_>, span: &'static str) {
+        self.attachments.record(recorder, span);
         if let Some(pass) = &self.raster_overdraw {
-            recorder.draw_indirect(pass.name(), pass, &self.unwritten, &self.args, offset);
+            self.draw(recorder, pass, pass.name(), None);
         }
+    }
+
+    fn draw(
+        &self,
+        recorder: &mut Recorder<'_>,
+        pass: &Bound,
+        span: &'static str,
+        depths: Option<&wgpu::TextureView>,
+    ) {
+        let offset = offset_of!(IndirectArgs, raster);
+        recorder.draw_indirect(
+            span,
+            pass,
+            &self.attachments.ids,
+            depths,
+            &self.args,
+            offset,
+        );
     }
 }
