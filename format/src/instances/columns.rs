@@ -181,19 +181,18 @@ fn write_differences(bytes: &mut Vec<u8>, mut column: Vec<u64>) {
 /// An integer that grows with the float of these bits; that of `-0.0` is below all.
 fn ordered(bits: u64) -> i64 {
     let signed = bits as i64;
-    match signed {
-        i64::MIN => i64::MIN,
-        ..0 => i64::MIN.wrapping_sub(signed),
-        _ => signed,
+    // The sign alone, of -0.0, stays.
+    match signed > i64::MIN && signed < 0 {
+        true => i64::MIN - signed,
+        false => signed,
     }
 }
 
 /// The inverse of [`ordered`].
 fn float(ordered: i64) -> f64 {
-    let signed = match ordered {
-        i64::MIN => i64::MIN,
-        ..0 => i64::MIN.wrapping_sub(ordered),
-        _ => ordered,
+    let signed = match ordered > i64::MIN && ordered < 0 {
+        true => i64::MIN - ordered,
+        false => ordered,
     };
     f64::from_bits(signed as u64)
 }

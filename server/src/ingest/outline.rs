@@ -1,7 +1,7 @@
 //! A scene in outline: all of it but what its meshes become.
 //!
-//! It is a [`Scene`] with an asset entry for every mesh, equal ones too, where the key of the mesh's
-//! build stands for the asset, and steps of 1 say which instances may move.
+//! It is a [`Scene`] with an asset entry for every mesh, equal ones too, where the key of the
+//! mesh's build stands for the asset, and steps of 1 say which instances may move.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
