@@ -389,7 +389,7 @@ pub const ALL: [Pass; 22] = [
 ];
 
 impl Pass {
-    /// Whether it is a rasterizer that writes the visbuffer, so that its WGSL depends on the target.
+    /// Whether it is a rasterizer of the visbuffer: its WGSL depends on the target.
     pub fn has_target(&self) -> bool {
         self.file.lines().any(|line| line == "#import visbuffer")
     }

@@ -1,6 +1,6 @@
 // Visible clusters to the visbuffer, by the hardware rasterizer: both sides of every triangle, whatever its material.
 //
-// Draw: `draw_indirect` with 384 vertices, an instance a visible cluster, triangle list, no culling.
+// Draw: `draw_indirect` with 384 vertices, an instance a visible cluster, no culling.
 // The result is the id: kept by the target with attachments, masked out for the others.
 // Depth is position.z, which the hardware interpolates linearly in screen space, also for clipped triangles.
 #import types

@@ -58,7 +58,10 @@ fn raster_vertex(@builtin(vertex_index) vertex_index: u32, @builtin(instance_ind
 }
 
 @fragment
-fn raster_fragment(fragment: Fragment, @builtin(front_facing) front_facing: bool) -> @location(0) u32 {
+fn raster_fragment(
+    fragment: Fragment,
+    @builtin(front_facing) front_facing: bool,
+) -> @location(0) u32 {
     // Derivatives first: they need every lane of the quad.
     let uv_dx = dpdx(fragment.uv);
     let uv_dy = dpdy(fragment.uv);

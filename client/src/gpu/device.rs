@@ -1,5 +1,5 @@
-//! The adapter and the device: Vulkan first, real before software, with 64-bit atomics where the adapter
-//! has them.
+//! The adapter and the device: Vulkan first, real before software, with 64-bit atomics where the
+//! adapter has them.
 
 use std::future::Future;
 use std::pin::pin;
