@@ -49,6 +49,9 @@ fn shade(@builtin(global_invocation_id) pixel: vec3<u32>) {
 
 // Half the diagonal of a cell of the position grid, in steps.
 const ROUNDING_STEPS: f32 = 0.8660255;
+// The same with a quarter for the place of the instance, which ingest rounds where there are many.
+const MOVED_STEPS: f32 = 1.0825319;
+const FEW_INSTANCES: u32 = 64u;
 
 // The finest clusters show the rounding of the source. Where that is more than the pixel error, the
 // picture's error is it. Coarser clusters count it in their own error, which is below.
@@ -61,7 +64,8 @@ fn note_rounding(word: vec2<u32>, pixel: vec2<u32>) {
         return;
     }
     let instance = instances[item.instance];
-    let moved = ROUNDING_STEPS * load_asset(instance.asset).position_step * instance.max_scale;
+    let steps = select(ROUNDING_STEPS, MOVED_STEPS, view.instance_count > FEW_INSTANCES);
+    let moved = steps * load_asset(instance.asset).position_step * instance.max_scale;
     let depth = view.near_metres / bitcast<f32>(word.y);
     // Of the pixel's ray, as in `error_metric`.
     let size = vec2<f32>(view.size_px);

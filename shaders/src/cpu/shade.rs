@@ -63,6 +63,10 @@ pub fn shade(
 
 /// Half the diagonal of a cell of the position grid, in steps.
 const ROUNDING_STEPS: f32 = 0.866_025_5;
+/// The same with a quarter for the place of the instance, which ingest rounds where there are many.
+const MOVED_STEPS: f32 = 1.082_531_9;
+/// Instances up to which ingest rounds none.
+const FEW_INSTANCES: u32 = 64;
 
 /// The most pixels that the rounding of a visible surface to its grid may show, where they are more
 /// than the pixel error; else zero. Its bits are [`Counters::rounding_px_bits`].
@@ -83,7 +87,11 @@ pub fn rounding_px(
         }
         let instance = &arrays.instances[item.instance as usize];
         let step_metres = arrays.assets[instance.asset as usize].position_step;
-        let moved = ROUNDING_STEPS * step_metres * instance.max_scale;
+        let steps = match view.instance_count > FEW_INSTANCES {
+            true => MOVED_STEPS,
+            false => ROUNDING_STEPS,
+        };
+        let moved = steps * step_metres * instance.max_scale;
         let depth = view.near_metres / f32::from_bits(depth_bits);
         let row_length = view.size_px[0] as usize;
         let [x, y] = [index % row_length, index / row_length].map(|place| place as f32 + 0.5);
