@@ -55,7 +55,7 @@ fn crowd(size: [f32; 3], side: u32, spacing: f64) -> TestScene {
         let middle = 0.5 * f64::from(side);
         let x = (f64::from(column) - middle + 0.8 * jitter(0x1000_0000)) * spacing;
         let z = (f64::from(row) - middle + 0.8 * jitter(0x2000_0000)) * spacing;
-        let mirror = if index % 5 == 0 { -1.0 } else { 1.0 };
+        let mirror = if index.is_multiple_of(5) { -1.0 } else { 1.0 };
         let (sin, cos) = turn.sin_cos();
         Instance {
             asset: 0,
