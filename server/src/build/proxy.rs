@@ -15,6 +15,8 @@ pub(super) const MOST_TRIANGLES: u64 = 4096;
 const SIDE_PX: usize = 64;
 /// Share of an area by which its measure may be wrong.
 const MEASURED_WITHIN: f32 = 0.03;
+/// The same for the areas of its slots: many small ones are measured with few pixels.
+const SHARES_WITHIN: f32 = 0.25;
 /// Directions between the axes; their opposites cover the same.
 const DIAGONALS: [[f64; 3]; 4] = [
     [1.0, 1.0, 1.0],
@@ -72,7 +74,10 @@ pub(super) fn cover_metres(source: &Proxy, coarser: &Proxy) -> f32 {
             (source_m2 - coarser_m2).abs()
         };
         let apart_m2: f32 = slots.iter().map(apart).sum();
-        apart_m2 - MEASURED_WITHIN * source.areas_m2[side / 2]
+        let [source_m2, coarser_m2] = [source, coarser].map(|it| it.areas_m2[side / 2]);
+        let cover_m2 = (source_m2 - coarser_m2).abs() - MEASURED_WITHIN * source_m2;
+        // What one slot loses another gains.
+        cover_m2.max(0.5 * apart_m2 - SHARES_WITHIN * source_m2)
     };
     let most_m2 = (0..PROXY_SIDES).map(differs).fold(0.0, f32::max);
     // A mesh of 2^123 metres has areas past f32; its error stays below the root's.
