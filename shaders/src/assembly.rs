@@ -71,8 +71,8 @@ impl Pass {
         self.source_for(pool, VisbufferTarget::U64)
     }
 
-    /// [`Pass::source`], with `#import visbuffer` bringing the file of `target`. Compute passes have
-    /// no attachments: beside those they write in two rounds.
+    /// [`Pass::source`], with `#import visbuffer` bringing the file of `target`. Compute passes
+    /// have no attachments: beside those they write in two rounds.
     pub fn source_for(&self, pool: PoolBindings, target: VisbufferTarget) -> String {
         let target = match (target, self.entry_points) {
             (VisbufferTarget::Attachment, [_]) => VisbufferTarget::TwoRound,

@@ -9,8 +9,8 @@ pub const NOT_INSTALLED: u32 = u32::MAX;
 pub const NO_ASSET: u32 = u32::MAX;
 /// [`MaterialRecord::mean_texel`] of a material without a texture.
 pub const WHITE_TEXEL: u32 = u32::MAX;
-/// Of [`ClusterItem::page`]: the item is a point, and the other bits are its pixel. Its `cluster` is
-/// its colour, `page_word` the bits of its depth.
+/// Of [`ClusterItem::page`]: the item is a point, and the other bits are its pixel. Its `cluster`
+/// is its colour, `page_word` the bits of its depth.
 pub const POINT_FLAG: u32 = 1 << 31;
 /// [`MaterialRecord::texture`] of a material without a base-colour texture.
 pub const NO_TEXTURE: u32 = u32::MAX;

@@ -50,7 +50,7 @@ pub enum GpuError {
     Instance {
         /// The places or assets that there are.
         expected: String,
-        /// What was asked for.
+        /// The places or assets asked for.
         found: String,
     },
     /// The device stopped answering.

@@ -54,8 +54,8 @@ impl Renderer {
         self.instances.count
     }
 
-    /// Puts `instances` at the places from `first` on: moves them, gives them other assets, or fills
-    /// places that are empty. Hidden places stay hidden.
+    /// Puts `instances` at the places from `first` on: moves them, gives them other assets, or
+    /// fills empty places. Hidden places stay hidden.
     ///
     /// # Errors
     /// A place past the last one, an asset that the scene lacks, a transform that is not finite.

@@ -12,6 +12,7 @@ mod device;
 mod error;
 mod frame;
 mod instances;
+mod items;
 mod occlusion;
 mod passes;
 mod pipelines;

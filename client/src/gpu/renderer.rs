@@ -4,10 +4,8 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use lodestream_shaders::cpu::needs_masked;
-use lodestream_shaders::cpu::prepare::RASTER_VERTICES;
 use lodestream_shaders::types::{
-    ClusterItem, IndirectArgs, MaterialRecord, NOT_INSTALLED, ShadeMode, TextureRecord, View,
-    view_flag,
+    MaterialRecord, NOT_INSTALLED, ShadeMode, TextureRecord, View, view_flag,
 };
 use lodestream_shaders::{SceneArrays, SceneRows, VisbufferTarget};
 
@@ -35,7 +33,7 @@ pub struct Renderer {
     pub(super) pipelines: Pipelines,
     pub(super) buffers: Buffers,
     /// Of frames that do not draw, and of those that do.
-    passes: [Option<Passes>; 2],
+    pub(super) passes: [Option<Passes>; 2],
     present: Option<Present>,
     readback: Readback,
     timestamps: Option<Timestamps>,
@@ -50,7 +48,7 @@ pub struct Renderer {
     /// Changes of instances before the last frame that drew.
     drawn_edits: u64,
     frame: u64,
-    recorded: BTreeSet<&'static str>,
+    pub(super) recorded: BTreeSet<&'static str>,
 }
 
 impl Renderer {
@@ -335,55 +333,6 @@ impl Renderer {
         Ok(())
     }
 
-    /// Clears the visbuffer, and the fragment counts in overdraw mode.
-    pub fn clear_visbuffer(&mut self) -> Result<(), GpuError> {
-        self.bind(Work::Picture)?;
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        if let Some(passes) = &self.passes[usize::from(Work::Picture.draws())] {
-            passes.clear_picture(&mut encoder, &self.buffers);
-        }
-        self.gpu.queue.submit([encoder.finish()]);
-        Ok(())
-    }
-
-    /// Rasterizes `items` into the visbuffer as it is: no culling, no level of detail.
-    pub fn raster_items(&mut self, view: &View, items: &[ClusterItem]) -> Result<(), GpuError> {
-        self.bind(Work::Picture)?;
-        self.write_view(view);
-        let args = IndirectArgs {
-            raster: [RASTER_VERTICES, items.len() as u32, 0, 0],
-            ..IndirectArgs::default()
-        };
-        let queue = &self.gpu.queue;
-        queue.write_buffer(self.buffers.get("args"), 0, bytemuck::bytes_of(&args));
-        let visible = self.buffers.visible_offset();
-        let bytes = bytemuck::cast_slice(items);
-        queue.write_buffer(self.buffers.get("clusters"), visible, bytes);
-        let indices: Vec<u32> = (0..items.len() as u32).collect();
-        let hardware = 4 * u64::from(self.buffers.capacities().clusters);
-        let bytes = bytemuck::cast_slice(&indices);
-        queue.write_buffer(self.buffers.get("draw_lists"), hardware, bytes);
-        self.submit(|passes, recorder| passes.record_picture(recorder));
-        Ok(())
-    }
-
-    /// Shades the visbuffer as it is.
-    pub fn shade(&mut self, view: &View) -> Result<(), GpuError> {
-        self.bind(Work::Picture)?;
-        self.write_view(view);
-        self.submit(|passes, recorder| passes.record_shade(recorder));
-        Ok(())
-    }
-
-    fn submit(&mut self, record: impl FnOnce(&Passes, &mut Recorder<'_>)) {
-        let mut recorder = Recorder::new(&self.gpu.device, None);
-        if let Some(passes) = &self.passes[usize::from(Work::Picture.draws())] {
-            record(passes, &mut recorder);
-        }
-        self.recorded.extend(&recorder.passes);
-        self.gpu.queue.submit([recorder.encoder.finish()]);
-    }
-
     /// Frames that came back, oldest first; `wait` waits for all.
     pub fn collect(&mut self, wait: bool) -> Result<Vec<FrameResult>, GpuError> {
         let results = self
@@ -447,7 +396,7 @@ impl Renderer {
         .with_rows(self.buffers.first_rows())
     }
 
-    fn write_view(&self, view: &View) -> View {
+    pub(super) fn write_view(&self, view: &View) -> View {
         let view = self.filled(view);
         self.write_buffer("view", bytemuck::bytes_of(&view));
         let second = View {
@@ -494,7 +443,7 @@ impl Renderer {
         }
     }
 
-    fn bind(&mut self, work: Work) -> Result<(), GpuError> {
+    pub(super) fn bind(&mut self, work: Work) -> Result<(), GpuError> {
         let index = usize::from(work.draws());
         if self.passes[index].is_none() {
             let arrays = self.arrays.clone();

@@ -101,8 +101,9 @@ impl Dag {
         Ok(first)
     }
 
-    /// Adds levels over the leaves until one small cluster is left or nothing gets further. The same leaves give the same DAG,
-    /// whatever the thread count. Returns the look of the first cut that is coarse enough for it.
+    /// Adds levels over the leaves until one small cluster is left or nothing gets further. The same
+    /// leaves give the same DAG, whatever the thread count. Returns the proxy of the first cut that
+    /// is coarse enough for it.
     pub fn grow(&mut self, plan: Plan) -> Result<Proxy, BuildError> {
         let mut pool: Vec<u32> = (0..self.clusters.len() as u32).collect();
         let mut effort = Effort::Usual;

@@ -76,7 +76,7 @@ pub(super) fn cover_metres(source: &Proxy, coarser: &Proxy) -> f32 {
         let apart_m2: f32 = slots.iter().map(apart).sum();
         let [source_m2, coarser_m2] = [source, coarser].map(|it| it.areas_m2[side / 2]);
         let cover_m2 = (source_m2 - coarser_m2).abs() - MEASURED_WITHIN * source_m2;
-        // What one slot loses another gains.
+        // The loss of one slot is the gain of another.
         cover_m2.max(0.5 * apart_m2 - SHARES_WITHIN * source_m2)
     };
     let most_m2 = (0..PROXY_SIDES).map(differs).fold(0.0, f32::max);

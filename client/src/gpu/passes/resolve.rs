@@ -11,7 +11,7 @@ use crate::gpu::recorder::Recorder;
 /// Ids, which most targets leave unwritten, and depths where the target keeps both.
 #[derive(Debug)]
 pub struct Attachments {
-    /// What the fragment stages return.
+    /// Results of the fragment stages.
     pub ids: wgpu::TextureView,
     kept: Option<Kept>,
     size: wgpu::Extent3d,
